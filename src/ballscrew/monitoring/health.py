@@ -35,7 +35,7 @@ from ballscrew.monitoring.epochs import Epoch, Event, epochs_of, moment
 from ballscrew.monitoring.history import (
     EpochState,
     HistoryState,
-    JudgedRun,
+    RunRow,
     level_steps,
     newest_assessed,
     read_history,
@@ -100,7 +100,7 @@ def health_of(
     Parameters
     ----------
     history : HistoryState
-        Judged runs.
+        Assessed runs.
     model, events, settings, accept
         As for :func:`health_state`.
 
@@ -120,13 +120,13 @@ def health_of(
         if good:
             chart = _chart(known, level_steps(epoch, history.begin, settings))
             charted = _run_states(good, chart, scale, settings)
-        ordered += [charted.get(judged.reading.run) or _uncharted(judged) for judged in known.judged]
+        ordered += [charted.get(row.reading.run) or _uncharted(row) for row in known.rows]
         if known.reference is not None:
             epoch = replace(epoch, reference=known.reference.id, reference_at=known.reference.measured_at)
         epochs.append(replace(epoch, alarm_at=_alarm_at(charted)))
         charts.append(chart)
     newest_good = history.epochs[-1].good[-1:]
-    doubts = [f"the newest good run: {doubt}" for judged in newest_good for doubt in judged.doubts]
+    doubts = [f"the newest good run: {doubt}" for row in newest_good for doubt in row.doubts]
     health = HealthState(
         axis=model.axis or history.axis,
         runs=tuple(ordered),
@@ -172,7 +172,7 @@ def _later(run: RunState, other: RunState) -> bool:
 def _with_unloaded(
     health: HealthState,
     unloaded: Sequence[RunState],
-    good: Sequence[JudgedRun],
+    good: Sequence[RunRow],
     chart: Chart,
     settings: MonitorSettings,
 ) -> HealthState:
@@ -196,11 +196,11 @@ def _with_unloaded(
     )
 
 
-def _uncharted(judged: JudgedRun) -> RunState:
+def _uncharted(row: RunRow) -> RunState:
     """State of a run that is not charted: by the load that unloads its nut, or set aside."""
-    if judged.limit is None:
-        return RunState(judged.reading, "suspect")
-    return RunState(judged.reading, "unloaded", relative=below(judged.limit))
+    if row.limit is None:
+        return RunState(row.reading, "suspect")
+    return RunState(row.reading, "unloaded", relative=below(row.limit))
 
 
 def _made(runs: Sequence[RunState], settings: MonitorSettings, accept: Sequence[str]) -> Made:
@@ -211,7 +211,7 @@ def _made(runs: Sequence[RunState], settings: MonitorSettings, accept: Sequence[
 
 
 def _nut_reasons(
-    state: RunState, good: Sequence[JudgedRun], chart: Chart, settings: MonitorSettings
+    state: RunState, good: Sequence[RunRow], chart: Chart, settings: MonitorSettings
 ) -> tuple[str, ...]:
     """Reasons to doubt the nut's preload of the newest good run, in its state."""
     ratio = good[-1].bearing_over_nut
@@ -225,13 +225,11 @@ def _nut_reasons(
     return (not_identifiable(ratio),)
 
 
-def _stage(
-    newest: RunState, good: Sequence[JudgedRun], chart: Chart, runs: Sequence[RunState]
-) -> Stage | None:
+def _stage(newest: RunState, good: Sequence[RunRow], chart: Chart, runs: Sequence[RunState]) -> Stage | None:
     """Stage at a run in watch or alarm, or one whose own load unloads the nut."""
     if chart.newest_stiffer and newest.stiffness is not None:
         return None
-    readings = [judged.reading for judged in good]
+    readings = [row.reading for row in good]
     baseline = [readings[i] for i in chart.baseline]
     later = [run.reading for run in runs if run.reading.day > readings[-1].day]
     if newest.stiffness is None:
@@ -262,7 +260,7 @@ def _notes(newest: Epoch, history: HistoryState, chart: Chart | None) -> tuple[s
             "The newest runs are stiffer than the baseline, which wear does not cause: was something done to "
             "the axis? Record it in EVENTS.toml."
         )
-    newest_run = history.judged[-1]
+    newest_run = history.rows[-1]
     if newest_run.reading.verdict == "good":
         remarks = newest_run.reading.reasons[len(newest_run.doubts) :]
         notes += [f"The newest run: {remark}." for remark in remarks]
@@ -272,29 +270,29 @@ def _notes(newest: Epoch, history: HistoryState, chart: Chart | None) -> tuple[s
 def _chart(epoch: EpochState, steps: Sequence[LevelStep]) -> Chart:
     """Chart of an epoch's good runs."""
     readings, charted = [], []
-    for judged in epoch.judged:
-        if judged.charted is not None:
-            readings.append(judged.reading)
-            charted.append(judged.charted)
+    for row in epoch.rows:
+        if row.charted is not None:
+            readings.append(row.reading)
+            charted.append(row.charted)
     table = np.array([(r.day, r.level, r.random, r.temperature) for r in readings])
     days, level, uncertainty, temperature = table.T
     return completed_chart(epoch.chart, charted, days, level, uncertainty, temperature, steps)
 
 
 def _run_states(
-    good: Sequence[JudgedRun], chart: Chart, scale: float, settings: MonitorSettings
+    good: Sequence[RunRow], chart: Chart, scale: float, settings: MonitorSettings
 ) -> dict[str, RunState]:
     """State of each charted run by its id, in time order."""
     states = {}
-    for k, judged in enumerate(good):
-        reading = judged.reading
+    for k, row in enumerate(good):
+        reading = row.reading
         stiffness, random = _relative_stiffness(chart, k, reading.level, scale, reading.systematic)
         nut = None
-        if stiffness is not None and not math.isnan(judged.bearing_over_nut):
-            evidence = evidence_of_nut(judged, good, chart, settings)
-            nut = nut_quantity(stiffness, judged.bearing_over_nut, evidence)
-        if judged.limit is not None:
-            nut = below(judged.limit, nut)
+        if stiffness is not None and not math.isnan(row.bearing_over_nut):
+            evidence = evidence_of_nut(row, good, chart, settings)
+            nut = nut_quantity(stiffness, row.bearing_over_nut, evidence)
+        if row.limit is not None:
+            nut = below(row.limit, nut)
         states[reading.run] = RunState(
             reading=reading,
             state=chart.states[k],

@@ -1,7 +1,7 @@
 """History of an axis: its runs in time order, in epochs, each judged relative to its epoch's reference.
 
 It is a recursion over the runs: :func:`add_run` takes what the runs before have taught, and gives the same
-with one more. Of each run a row of numbers remains. The rest does not grow with the number of runs: the chart
+with one more. Of each run a row remains. The rest does not grow with the number of runs: the chart
 of each epoch, its reference, and the newest three good runs.
 """
 
@@ -36,7 +36,7 @@ _NEWEST = 3  # good runs that are compared with the reference cell by cell
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JudgedRun:
+class RunRow:
     """Row of a run: all that later runs, and the health state, need of it.
 
     Parameters
@@ -88,7 +88,7 @@ class EpochState:
         Run that its levels are relative to.
     newest : tuple of Run
         Its newest good runs, three at most.
-    judged : tuple of JudgedRun
+    rows : tuple of RunRow
         A row for each run.
     """
 
@@ -97,12 +97,12 @@ class EpochState:
     good_first: int = 0
     reference: Run | None = None
     newest: tuple[Run, ...] = ()
-    judged: tuple[JudgedRun, ...] = ()
+    rows: tuple[RunRow, ...] = ()
 
     @property
-    def good(self) -> list[JudgedRun]:
+    def good(self) -> list[RunRow]:
         """Rows of its good runs."""
-        return [judged for judged in self.judged if judged.charted is not None]
+        return [row for row in self.rows if row.charted is not None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,9 +128,9 @@ class HistoryState:
     epochs: tuple[EpochState, ...]
 
     @property
-    def judged(self) -> list[JudgedRun]:
+    def rows(self) -> list[RunRow]:
         """Rows of all runs, in time order."""
-        return [judged for epoch in self.epochs for judged in epoch.judged]
+        return [row for epoch in self.epochs for row in epoch.rows]
 
 
 def read_history(
@@ -165,28 +165,38 @@ def read_history(
     method = common_method(runs)
     ordered = sorted(_distinct_runs(runs), key=lambda run: (_time(run, model), run.id))
     if known is not None:
-        ordered = _later_runs(ordered, known, method, model)
+        _check_method(method, known.method)
+        ordered = _later_runs(ordered, known, model)
     _check_recordings(ordered, known)
-    if known is not None and not ordered:
+    if not ordered and known is not None:
         return known
-    begin = known.begin if known is not None else str(ordered[0].measured_at)
-    _check_span(moment(begin, "the first run"), ordered, model)
-    newest = _time(ordered[-1], model)
-    drift = settings.assumptions.bearing_daily_spread * model.bearing_share / model.model.share
+    state = known or _no_history(ordered[0])
+    begin, newest = moment(state.begin, "the first run"), _time(ordered[-1], model)
+    _check_span(begin, ordered, model)
     divided = epochs_of(events, newest)
-    state = known or HistoryState(begin, begin, None, None, ())
-    method = method or state.method
-    axis = state.axis or next((run.axis for run in ordered if run.axis is not None), None)
-    empty = EpochState(ChartState(settings, drift))
-    epochs = [*state.epochs, *[empty] * (len(divided) - len(state.epochs))]
+    drift = settings.assumptions.bearing_daily_spread * model.bearing_share / model.model.share
+    more = len(divided) - len(state.epochs)
+    epochs = [*state.epochs, *[EpochState(ChartState(settings, drift))] * more]
     starts = [moment(epoch.begins, "an event: at") for epoch in divided[1:]]
     for run in ordered:
         time = _time(run, model)
         number = bisect_right(starts, time)
-        day = (time - moment(begin, "the first run")).total_seconds() / _DAY
-        steps = level_steps(divided[number], begin, settings)
+        day = (time - begin).total_seconds() / _DAY
+        steps = level_steps(divided[number], state.begin, settings)
         epochs[number] = add_run(epochs[number], run, day, number, steps, model)
-    return HistoryState(begin, str(ordered[-1].measured_at), axis, method, tuple(epochs))
+    return HistoryState(
+        begin=state.begin,
+        newest=str(ordered[-1].measured_at),
+        axis=state.axis or next((run.axis for run in ordered if run.axis is not None), None),
+        method=method or state.method,
+        epochs=tuple(epochs),
+    )
+
+
+def _no_history(first: Run) -> HistoryState:
+    """History before its first run."""
+    begin = str(first.measured_at)
+    return HistoryState(begin, begin, None, None, ())
 
 
 def level_steps(epoch: Epoch, begin: str, settings: MonitorSettings) -> list[LevelStep]:
@@ -241,29 +251,25 @@ def add_run(
         With the run. While the reference is not determined, the runs so far are judged again.
     """
     if state.good_first == _FIRST_RUNS:
-        return _with_judged(state, run, unassessed_reading(run, day, number), state.reference, steps, model)
-    settings, before = state.chart.settings, state
+        return _with_run(state, run, unassessed_reading(run, day, number), state.reference, steps, model)
     learning = (*state.learning, run)
-    days = [*(judged.reading.day for judged in state.judged), day]
+    days = [*(row.reading.day for row in state.rows), day]
     measured = [MeasuredRun(each, frequency_table(each)) for each in learning]
     first = [each for each in measured if _is_good(each)]
-    reference = _reference(first, model, settings)
-    state = EpochState(ChartState(settings, before.chart.drift))
+    reference = None
+    if first:
+        reference = _reference(first, model, state.chart.settings).run
+    state = EpochState(ChartState(state.chart.settings, state.chart.drift))
     # A run before the first good one has no reference: a later run changes no earlier state.
     current: Run | None = None
     for each, when in zip(measured, days, strict=True):
-        if each in first[:1] and reference is not None:
-            current = reference.run
+        if each in first[:1]:
+            current = reference
         reading = unassessed_reading(each.run, when, number)
-        state = _with_judged(state, each.run, reading, current, steps, model)
+        state = _with_run(state, each.run, reading, current, steps, model)
     if len(first) == _FIRST_RUNS:
         learning = ()
-    return replace(
-        state,
-        learning=learning,
-        good_first=len(first),
-        reference=reference.run if reference is not None else None,
-    )
+    return replace(state, learning=learning, good_first=len(first), reference=reference)
 
 
 def newest_assessed(
@@ -298,7 +304,7 @@ def newest_assessed(
     return found
 
 
-def _with_judged(
+def _with_run(
     state: EpochState,
     run: Run,
     reading: Reading,
@@ -321,7 +327,7 @@ def _with_judged(
             chart, reading.day, reading.level, reading.random, reading.temperature, steps
         )
         newest = (*newest, run)[-_NEWEST:]
-    judged = JudgedRun(
+    row = RunRow(
         reading=reading,
         name=run.name,
         digest=run_digest(run),
@@ -332,7 +338,7 @@ def _with_judged(
         softening=preload_by_softening(run, model.nut_mass),
         charted=charted,
     )
-    return replace(state, chart=chart, newest=newest, judged=(*state.judged, judged))
+    return replace(state, chart=chart, newest=newest, rows=(*state.rows, row))
 
 
 def run_digest(run: Run) -> str:
@@ -344,15 +350,11 @@ def _is_good(measured: MeasuredRun) -> bool:
     return measured.run.quality.verdict == "good" and len(measured.table.frequency) > 0
 
 
-def _reference(
-    first: Sequence[MeasuredRun], model: CalibratedAxis, settings: MonitorSettings
-) -> MeasuredRun | None:
+def _reference(first: Sequence[MeasuredRun], model: CalibratedAxis, settings: MonitorSettings) -> MeasuredRun:
     """First good run, but the second where the third agrees with it and neither agrees with the first.
 
     Statistics begin after three runs, so this uses nothing for which an alarm could have waited.
     """
-    if not first:
-        return None
     if len(first) < _FIRST_RUNS:
         return first[0]
     candidate, second, third = first
@@ -374,17 +376,19 @@ def _given_twice(name: str, other: str) -> str:
     return f"{name} and {other} are one run, given twice with different content; give one of the files."
 
 
-def _later_runs(
-    runs: Sequence[Run], known: HistoryState, method: str | None, model: CalibratedAxis
-) -> list[Run]:
-    """Runs that are not known yet; all of them must be later than the newest known one."""
-    if method is not None and known.method is not None and method != known.method:
+def _check_method(method: str | None, known: str | None) -> None:
+    """Check that runs are by the method of those before."""
+    if method is not None and known is not None and method != known:
         raise InputError(
-            f"the runs are by method {method}, those of the checkpoint by method {known.method}; runs that "
-            "are compared must be by the same method: analyse them again."
+            f"the runs are by method {method}, those of the checkpoint by method {known}; runs that are "
+            "compared must be by the same method: analyse them again."
         )
-    rows = {judged.reading.run: judged for judged in known.judged}
-    last = known.judged[-1].reading
+
+
+def _later_runs(runs: Sequence[Run], known: HistoryState, model: CalibratedAxis) -> list[Run]:
+    """Runs that are not known yet; all of them must be later than the newest known one."""
+    rows = {row.reading.run: row for row in known.rows}
+    last = known.rows[-1].reading
     later = []
     for run in runs:
         row = rows.get(run.id)
@@ -405,9 +409,9 @@ def _later_runs(
 def _check_recordings(runs: Sequence[Run], known: HistoryState | None) -> None:
     """Check that no recording counts twice."""
     owner: dict[str, tuple[str, str]] = {}
-    for judged in known.judged if known is not None else []:
-        for digest in judged.files:
-            owner[digest] = judged.reading.run, judged.name
+    for row in known.rows if known is not None else []:
+        for digest in row.files:
+            owner[digest] = row.reading.run, row.name
     for run in runs:
         for file in run.files:
             other, name = owner.setdefault(file.sha256, (run.id, run.name))

@@ -29,7 +29,7 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.assessment import AssessedRun
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
-from ballscrew.monitoring.history import JudgedRun
+from ballscrew.monitoring.history import RunRow
 
 NAMES = ("load", "temperature", "lubrication", "torque scale", "sensor", "controller")
 """Causes beside a change of the axial stiffness (:data:`~ballscrew.estimation.causes.AXIAL`)."""
@@ -122,7 +122,7 @@ class _Evidence:
 
 
 def history_causes(
-    good: Sequence[JudgedRun],
+    good: Sequence[RunRow],
     newest: Sequence[AssessedRun],
     reference: Run,
     chart: Chart,
@@ -133,7 +133,7 @@ def history_causes(
 
     Parameters
     ----------
-    good : sequence of JudgedRun
+    good : sequence of RunRow
         The epoch's good runs, in time order.
     newest : sequence of AssessedRun
         The newest of them, with the changes of their cells.
@@ -151,9 +151,7 @@ def history_causes(
     tuple of HistoryCause
         The most probable first.
     """
-    evidence_of = {
-        judged.reading.run: evidence_of_nut(judged, good, chart, settings) for judged in good[-_NEWEST:]
-    }
+    evidence_of = {row.reading.run: evidence_of_nut(row, good, chart, settings) for row in good[-_NEWEST:]}
     newest = [assessed for assessed in newest if assessed.run.id != reference.id]
     of_nut = [evidence_of[assessed.run.id] for assessed in newest]
     evidence = _Evidence(_probabilities_by_cells(newest, of_nut, reference, model, settings))
@@ -176,15 +174,15 @@ def history_causes(
 
 
 def evidence_of_nut(
-    judged: JudgedRun, good: Sequence[JudgedRun], chart: Chart, settings: MonitorSettings
+    row: RunRow, good: Sequence[RunRow], chart: Chart, settings: MonitorSettings
 ) -> NutEvidence:
     """Evidence of nut and support bearing in a run against the baseline of its epoch.
 
     Parameters
     ----------
-    judged : JudgedRun
+    row : RunRow
         The run.
-    good : sequence of JudgedRun
+    good : sequence of RunRow
         The epoch's good runs, in time order.
     chart : Chart
         Of these runs.
@@ -196,10 +194,10 @@ def evidence_of_nut(
     NutEvidence
         Without the softening where the run has no change.
     """
-    then, ratio = [good[i].softening for i in chart.baseline], judged.bearing_over_nut
+    then, ratio = [good[i].softening for i in chart.baseline], row.bearing_over_nut
     if math.isnan(ratio):
         ratio = 0.0
-    return evidence_by_softening(judged.softening, then, settings.assumptions, ratio)
+    return evidence_by_softening(row.softening, then, settings.assumptions, ratio)
 
 
 def _probabilities_by_cells(
@@ -304,13 +302,13 @@ def _least_misfit(fits: Sequence[Array], scale: float) -> float:
     return min(float(np.sum(np.minimum((residuals / scale) ** 2, _BOUND**2))) for residuals in fits)
 
 
-def _add_friction(evidence: _Evidence, good: Sequence[JudgedRun], chart: Chart) -> None:
+def _add_friction(evidence: _Evidence, good: Sequence[RunRow], chart: Chart) -> None:
     """Add the evidence by friction: its change, against that expected from the lost preload.
 
     The nut's drag is proportional to the preload. Its share of the friction is not known: the density is the
     mean over all shares.
     """
-    change = _log_change(np.array([judged.reading.friction for judged in good]), chart, _OIL)
+    change = _log_change(np.array([row.reading.friction for row in good]), chart, _OIL)
     if change is None:
         return
     value, spread = change
@@ -329,9 +327,9 @@ def _add_friction(evidence: _Evidence, good: Sequence[JudgedRun], chart: Chart) 
         evidence.note_axial("friction is not conclusive yet")
 
 
-def _add_mass(evidence: _Evidence, good: Sequence[JudgedRun], chart: Chart) -> None:
+def _add_mass(evidence: _Evidence, good: Sequence[RunRow], chart: Chart) -> None:
     """Add the evidence by the equivalent mass: its change, against that by another load or torque scale."""
-    change = _log_change(np.array([judged.reading.equivalent_mass for judged in good]), chart, _MASS)
+    change = _log_change(np.array([row.reading.equivalent_mass for row in good]), chart, _MASS)
     if change is None:
         return
     value, spread = change

@@ -171,11 +171,11 @@ def monitor(
     if checkpoint is not None:
         checkpoint.check(model, settings, events)
         known = checkpoint.history
-    judged = read_history(runs, model, events, settings, known)
-    state = health_of(judged, model, events, settings, accept)
-    after = make_checkpoint(judged, model, settings, events)
+    past = read_history(runs, model, events, settings, known)
+    state = health_of(past, model, events, settings, accept)
+    after = make_checkpoint(past, model, settings, events)
     history = epoch_history(state, model)
-    end = end_of_life(judged.epochs[-1].reference, model, failure, largest_load)
+    end = end_of_life(past.epochs[-1].reference, model, failure, largest_load)
     if history is None or state.stiffer:
         return Monitored(state, None, after)
     counters: dict[str, EpochDuty] = {}

@@ -152,27 +152,28 @@ def completed_chart(
     """
     _, lost_uncertainty = relative_loss(level, uncertainty)
     estimate, covariance = _baseline_fit(state)
-    visits, lost = visits_of([run.repeat for run in charted]), np.array([run.lost for run in charted])
+    visits, lost = visits_of([run.repeat for run in charted]), _column(charted, "lost")
     lost[visits.first[visits.repeated]] = lost[visits.again[visits.repeated]]
+    spent, repeat = _column(charted, "spent"), _column(charted, "repeat_limit")
     return Chart(
         design=design_of(days, lost_uncertainty, temperature, steps, state.settings),
         lost=lost,
-        ramp=np.array([run.ramp for run in charted]),
-        odds=np.array([run.odds for run in charted]),
-        limits=stacked_limits(
-            [run.limits for run in charted],
-            [run.spent for run in charted],
-            [run.repeat_limit for run in charted],
-        ),
-        scale=np.array([run.scale for run in charted]),
+        ramp=_column(charted, "ramp"),
+        odds=_column(charted, "odds"),
+        limits=stacked_limits([run.limits for run in charted], spent, repeat),
+        scale=_column(charted, "scale"),
         states=tuple(run.state for run in charted),
         baseline=state.baseline,
         coefficients=estimate,
         covariance=covariance,
-        stiffer=np.array([run.stiffer for run in charted], dtype=bool),
+        stiffer=_column(charted, "stiffer").astype(bool),
         visits=visits,
         repeat_asked=bool(charted) and charted[-1].repeat_asked,
     )
+
+
+def _column(charted: Sequence[ChartedRun], name: str) -> Array:
+    return np.array([getattr(run, name) for run in charted])
 
 
 def _baseline_fit(state: ChartState) -> tuple[Array, Array]:

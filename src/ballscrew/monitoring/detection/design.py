@@ -162,7 +162,7 @@ class Layout:
     drift: bool
     steps: int
 
-    def widened(self, array: NDArray[Real], axis: int, later: Layout) -> NDArray[Real]:
+    def extend(self, array: NDArray[Real], axis: int, later: Layout) -> NDArray[Real]:
         """Array with zeros for the columns that a later layout has more.
 
         Parameters
@@ -177,10 +177,10 @@ class Layout:
         Returns
         -------
         ndarray
-            The same array where there are no more.
+            A copy.
         """
         if later == self:
-            return array
+            return array.copy()
         if later.temperature and not self.temperature:
             array = np.insert(array, [1, 1], 0, axis=axis)
         shape = list(array.shape)

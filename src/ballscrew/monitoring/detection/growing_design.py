@@ -77,30 +77,23 @@ class GrowingDesign:
             The same rows and the new one.
         """
         before, settings = self.design, self.design.settings
-        new = [step.size for step in _between(steps, float(before.days[-1]), day)]
+        new = _steps_since(steps, float(before.days[-1]), day)
         known = math.isfinite(temperature)
         warm = before.has_temperature or known
         layout = Layout(warm, before.layout.drift, before.layout.steps + len(new))
-        sizes = np.concatenate([before.layout.widened(before.sizes, 0, layout)[: -len(new) or None], new])
-        first = self.temperature
+        sizes, first = before.layout.extend(before.sizes, 0, layout), self.temperature
+        sizes[len(sizes) - len(new) :] = [step.size for step in new]
         if known and not before.has_temperature:
-            first, slope = temperature, temperature_slope(settings)
+            first, slope = temperature, max(settings.assumptions.temperature / 3, 1e-9)
             sizes[1:3] = slope, CURVATURE * slope**2
-        row, unknown = [1.0], 0.0
-        if warm:
-            warmer = 0.0 if math.isnan(temperature) else temperature - first
-            row += [warmer, warmer**2]
-            if not known:
-                unknown = settings.assumptions.temperature / 3 * UNKNOWN
-        if layout.drift:
-            since = day - float(before.days[0])
-            row.append(since / (since + SETTLING))
-        row += [1.0] * layout.steps
-        columns = np.vstack([before.layout.widened(before.columns, 1, layout), row])
+        unknown = 0.0
+        if warm and not known:
+            unknown = settings.assumptions.temperature / 3 * UNKNOWN
+        row = _row(layout, temperature - first if known else 0.0, day - float(before.days[0]))
         design = Design(
             days=np.append(before.days, day),
             uncertainty=np.append(before.uncertainty, max(uncertainty, LEAST_UNCERTAINTY)),
-            columns=columns,
+            columns=np.vstack([before.layout.extend(before.columns, 1, layout), row]),
             sizes=sizes,
             unknown_temperature=np.append(before.unknown_temperature, unknown),
             temperature_known=np.append(before.temperature_known, known),
@@ -115,11 +108,11 @@ class GrowingDesign:
         """Rows that a later visit may refer to."""
         design, count = self.design, len(self.design.days)
         rows = np.arange(count)
-        kept = rows < max(BASELINES * design.settings.baseline_runs, LEARNT)
-        kept |= rows >= count - STEP_RUNS
+        retained = rows < max(BASELINES * design.settings.baseline_runs, LEARNT)
+        retained |= rows >= count - STEP_RUNS
         for start in design.step_starts:
-            kept |= (rows >= start - STEP_RUNS) & (rows < start + STEP_RUNS)
-        return np.flatnonzero(kept)
+            retained |= (rows >= start - STEP_RUNS) & (rows < start + STEP_RUNS)
+        return np.flatnonzero(retained)
 
     def part(self, rows: NDArray[np.int_]) -> GrowingDesign:
         """Design of some of its rows, the first after each step among them."""
@@ -153,12 +146,17 @@ def first_design(
     return GrowingDesign(design_of(days, spread, warm, (), settings, drift), 1, temperature)
 
 
-def _between(steps: Sequence[LevelStep], before: float, day: float) -> list[LevelStep]:
+def _steps_since(steps: Sequence[LevelStep], before: float, day: float) -> list[LevelStep]:
     """Steps after one day and until another, by day."""
     later = [step for step in steps if before < step.day <= day and step.size > 0]
     return sorted(later, key=lambda step: step.day)
 
 
-def temperature_slope(settings: MonitorSettings) -> float:
-    """Prior standard deviation of the level's change by a kelvin."""
-    return max(settings.assumptions.temperature / 3, 1e-9)
+def _row(layout: Layout, warmer: float, since: float) -> list[float]:
+    """Columns of a visit, by its temperature and the days since the first one; all steps are past."""
+    row = [1.0]
+    if layout.temperature:
+        row += [warmer, warmer**2]
+    if layout.drift:
+        row.append(since / (since + SETTLING))
+    return row + [1.0] * layout.steps

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.statistics import Statistics
@@ -85,16 +85,14 @@ class ControlLimits:
         return np.asarray(first | (values.repeated & last))
 
 
-def stacked_limits(
-    limits: Sequence[RunLimits], spent: Sequence[float], repeat: Sequence[float]
-) -> ControlLimits:
+def stacked_limits(limits: Sequence[RunLimits], spent: ArrayLike, repeat: ArrayLike) -> ControlLimits:
     """Limits of runs, in arrays.
 
     Parameters
     ----------
     limits : sequence of RunLimits
         n runs or visits.
-    spent, repeat : sequence of float
+    spent, repeat : array_like, shape (n,)
         As in :class:`VisitLimits`.
 
     Returns
@@ -104,4 +102,4 @@ def stacked_limits(
     """
     table = np.array([astuple(each) for each in limits]).reshape(-1, 4)
     ramp, odds, watch_ramp, watch_odds = table.T
-    return ControlLimits(ramp, odds, watch_ramp, watch_odds, np.array(spent), np.array(repeat))
+    return ControlLimits(ramp, odds, watch_ramp, watch_odds, np.asarray(spent), np.asarray(repeat))

@@ -215,7 +215,7 @@ def prepare_odds(design: Design, k: int, state: OddsState, *, begun: bool) -> Od
         Just before the visit.
     """
     if state.layout != design.layout:
-        state = _widened(state, design)
+        state = _with_new_columns(state, design)
     if begun:
         state = _with_new_onset(design, k, state)
     return replace(state, day=float(design.days[k]))
@@ -293,20 +293,20 @@ def _bounded(levels: Array) -> Single:
     return np.clip(levels, -_LARGEST_LEVEL, _LARGEST_LEVEL).astype(np.float32)
 
 
-def _widened(state: OddsState, design: Design) -> OddsState:
+def _with_new_columns(state: OddsState, design: Design) -> OddsState:
     """State with the prior of the coefficients that begin with the newest visit."""
     before, after = state.layout, design.layout
-    new = before.widened(np.ones(state.healthy.shape[1]), 0, after) == 0
+    new = before.extend(np.ones(state.healthy.shape[1]), 0, after) == 0
     prior = np.diag(np.where(new, _prior(design), 0.0))
     covariances = {
-        name: prior + before.widened(before.widened(getattr(state, name), axis, after), axis + 1, after)
+        name: prior + before.extend(before.extend(getattr(state, name), axis, after), axis + 1, after)
         for name, axis in (("healthy_covariance", 1), ("worn_covariance", 2))
     }
     return replace(
         state,
         layout=after,
-        healthy=before.widened(state.healthy, 1, after),
-        worn=before.widened(state.worn, 2, after),
+        healthy=before.extend(state.healthy, 1, after),
+        worn=before.extend(state.worn, 2, after),
         **covariances,
     )
 

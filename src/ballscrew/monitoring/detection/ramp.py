@@ -143,7 +143,7 @@ def add_ramp(
     Slopes
         Of all onsets before it.
     """
-    state = _widened(state, design)
+    state = _with_new_columns(state, design)
     noise = design.noise[k]
     if k in design.step_starts:
         # It is not limited, whatever it is.
@@ -185,7 +185,7 @@ def add_ramp(
     return after, Slopes(largest, values.min(axis=0), state.onset[usable][best], largest_first)
 
 
-def _widened(state: RampState, design: Design) -> RampState:
+def _with_new_columns(state: RampState, design: Design) -> RampState:
     """State with the columns that begin with the newest visit."""
     before, after = state.layout, design.layout
     if before == after:
@@ -193,9 +193,9 @@ def _widened(state: RampState, design: Design) -> RampState:
     return replace(
         state,
         layout=after,
-        across=before.widened(state.across, 0, after),
-        inner=before.widened(before.widened(state.inner, 0, after), 1, after),
-        projected=before.widened(state.projected, 0, after),
+        across=before.extend(state.across, 0, after),
+        inner=before.extend(before.extend(state.inner, 0, after), 1, after),
+        projected=before.extend(state.projected, 0, after),
     )
 
 
