@@ -47,6 +47,8 @@ if TYPE_CHECKING:
     from ballscrew.modal.response import frf as frf
     from ballscrew.modal.run import Run as Run
     from ballscrew.monitoring.capability import capability as capability
+    from ballscrew.monitoring.checkpoint import Checkpoint as Checkpoint
+    from ballscrew.monitoring.checkpoint import checkpoint_before as checkpoint_before
     from ballscrew.monitoring.epochs import read_events as read_events
     from ballscrew.prognosis.duty import read_duty as read_duty
     from ballscrew.prognosis.monitor import Monitored as Monitored
@@ -61,6 +63,7 @@ if TYPE_CHECKING:
 _HOME = {
     "BallscrewError": "base.errors",
     "CalibratedAxis": "calibration.calibrated_axis",
+    "Checkpoint": "monitoring.checkpoint",
     "FrequencyResponse": "modal.response",
     "InputError": "base.errors",
     "MeasurementError": "base.errors",
@@ -78,6 +81,7 @@ _HOME = {
     "analyze_frf": "modal.analyze_frf",
     "calibrate": "calibration.calibration",
     "capability": "monitoring.capability",
+    "checkpoint_before": "monitoring.checkpoint",
     "demo": "reproduction.demo",
     "frf": "modal.response",
     "init": "cli.init",

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-_SMALLEST = 4  # runs of a block
-_BLOCKS = 10  # its age over a block's size, from which on it is joined with its neighbour
+_SMALLEST = 3  # runs of a block
+_BLOCKS = 16  # its age over a block's size, from which on it is joined with its neighbour
 
 
 def anchored_blocks(count: int, singles: int) -> NDArray[np.int_]:
     """Begin of each block of a history.
 
-    A block begins at a multiple of its size, a power of two. With more runs a block is joined with its
+    A block begins at a multiple of its size, three times a power of two. With more runs a block is joined with its
     neighbour, and no run ever leaves its block, so that what is computed of a block need not be computed
     again.
 
@@ -26,7 +26,7 @@ def anchored_blocks(count: int, singles: int) -> NDArray[np.int_]:
     Returns
     -------
     ndarray of int
-        Ascending, from 0 on; five more for each doubling of the number of runs.
+        Ascending, from 0 on; eight more for each doubling of the number of runs.
     """
     index = np.arange(max(count - singles, 0) // _SMALLEST + 1)
     age = count - _SMALLEST * index
