@@ -45,6 +45,7 @@ LONG_FILES = (
     "report/test_run_figure.py",
     "cli/test_app.py",
     "docs/test_tutorial.py",
+    "prognosis/test_resumed.py",
     "testbed/test_run.py",
     "monitoring/test_health.py",
     "monitoring/detection/test_limits.py",

@@ -89,7 +89,7 @@ def test_run_by_run_through_bytes_is_the_same_at_every_run() -> None:
 
 
 @given(data=st.data())
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_any_order_of_arrival_gives_what_judging_from_the_start_gives(data: st.DataObject) -> None:
     """Late runs, duplicates, corrections and events rewind to a checkpoint before them."""
     offered = data.draw(st.lists(st.sampled_from(RUNS[:26]), min_size=6, max_size=14, unique_by=id))

@@ -12,9 +12,9 @@ _BLOCKS = 16  # its age over a block's size, from which on it is joined with its
 def anchored_blocks(count: int, singles: int) -> NDArray[np.int_]:
     """Begin of each block of a history.
 
-    A block begins at a multiple of its size, three times a power of two. With more runs a block is joined with its
-    neighbour, and no run ever leaves its block, so that what is computed of a block need not be computed
-    again.
+    A block begins at a multiple of its size, three times a power of two. With more runs a block is joined
+    with its neighbour, and no run ever leaves its block, so that what is computed of a block need not be
+    computed again.
 
     Parameters
     ----------
