@@ -36,7 +36,7 @@ _YEAR = 365.25
 _LONGEST_GAP = 14.0  # d: a longer pause spends no more false alarms
 _POOLED_RUNS = 15  # runs whose tails are pooled, at most
 _EMPIRICAL = 2.0  # histories above a limit from which on it is an empirical quantile
-_SAFETY = 0.7  # of the rate: limits from finitely many histories err towards too many alarms
+_SAFETY = 0.6  # of the rate: limits from finitely many histories err towards too many alarms
 _LEAST_ALIVE = 0.1  # of the histories; where fewer have no alarm all count again
 
 
@@ -181,7 +181,7 @@ class _Tail:
         self.top = float(np.quantile(values, 1 - self.part))
         excess = (values[values > self.top] - self.top) / (1 + self.top)
         self.runs += 1
-        newest = min(1 + self.runs // 3, _POOLED_RUNS)
+        newest = min(1 + self.runs // 2, _POOLED_RUNS)
         self.pooled = [*self.pooled, excess][-newest:]
 
     def limit(self, probability: float) -> float:

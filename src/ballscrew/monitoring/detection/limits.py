@@ -37,7 +37,7 @@ from ballscrew.monitoring.detection.limit_values import ControlLimits, RunLimits
 from ballscrew.monitoring.detection.statistics import BEGIN
 
 Floats = NDArray[np.floating[Any]]
-_TABLE_SAFETY = 1.0  # of the rate, where a table gives the limits
+_TABLE_SAFETY = 0.85  # of the rate, where a table gives the limits: the same, of pooled visits
 _STEP_ODDS = 1.0  # added to limits of odds just after a step, whose size is not known yet
 _STEP_VISITS = 40  # until which that falls to 0
 _SPAN = 5  # gaps between visits that weigh the onsets of the odds
