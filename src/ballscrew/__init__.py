@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from ballscrew.recording.recording import Recording as Recording
     from ballscrew.reproduction.demo import demo as demo
     from ballscrew.reproduction.reproduce import reproduce as reproduce
+    from ballscrew.store.store import Store as Store
 
 # Where each public name lives; it is loaded when it is first asked for, so that the package itself is light.
 _HOME = {
@@ -75,6 +76,7 @@ _HOME = {
     "Resonances": "modal.resonances",
     "Recording": "recording.recording",
     "Run": "modal.run",
+    "Store": "store.store",
     "WatchedAxis": "cli.watch",
     "amend": "modal.amend",
     "analyze": "modal.analyze",

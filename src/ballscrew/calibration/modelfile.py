@@ -213,8 +213,29 @@ def read_model(path: str | Path) -> CalibratedAxis:
         raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from None
     if size > _LARGEST_FILE:
         raise InputError(f"{path}: has {size} bytes; a model has {_LARGEST_FILE} at most.")
-    document = read_json(path)
-    source = path.name
+    return model_from_json(read_json(path), path.name)
+
+
+def model_from_json(document: Mapping[str, Any], source: str) -> CalibratedAxis:
+    """Model of the document that :func:`model_json` makes.
+
+    Parameters
+    ----------
+    document : mapping
+        The document.
+    source : str
+        Its name, for messages.
+
+    Returns
+    -------
+    CalibratedAxis
+        The model.
+
+    Raises
+    ------
+    InputError
+        If it is not a model, or contains values that no model can have.
+    """
     if document.get("kind") != KIND:
         raise InputError(f"{source}: is not a model: its kind is {document.get('kind')!r:.40}, not {KIND!r}.")
     try:

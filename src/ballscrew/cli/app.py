@@ -27,6 +27,7 @@ from ballscrew.cli.options import (
 )
 from ballscrew.cli.plan_app import plan
 from ballscrew.cli.simulate_app import simulate
+from ballscrew.cli.store_app import store
 
 app = typer.Typer(
     name="ballscrew",
@@ -345,3 +346,4 @@ def reproduce(
 
 
 app.add_typer(simulate, name="simulate")
+app.add_typer(store, name="store")

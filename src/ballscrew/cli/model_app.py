@@ -162,8 +162,19 @@ def preload(
 
 
 def monitor(
-    runs: Runs,
-    model: Model,
+    runs: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RUN.json… | AXIS",
+            help="Output of analyze --json, one file per run; with --store, the name of the axis.",
+        ),
+    ],
+    model: Annotated[
+        Path | None, option("Model of this axis, written by calibrate; required without --store.", "MODEL.json")
+    ] = None,
+    store: Annotated[
+        Path | None, option("Store with the runs, events and model of the axis, which keeps the result.", "DIR")
+    ] = None,
     events: Events = None,
     false_alarms: FalseAlarms = 0.1,
     repeats: Repeats = 8.0,
@@ -200,7 +211,7 @@ def monitor(
         assumptions=Assumptions(bearing_drift=bearing_drift),
     )
     return monitor_command(
-        runs, model=model, events=events, settings=settings, end=end, largest_load=largest_load,
+        runs, model=model, store=store, events=events, settings=settings, end=end, largest_load=largest_load,
         backlash=backlash, duty=duty, accept=accept or [], as_json=as_json, plot=plot, table=table,
         exit_code=exit_code,
     )  # fmt: skip

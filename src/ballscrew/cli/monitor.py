@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -59,9 +61,10 @@ def parse_duty(text: str | None) -> float | DutyRecord | None:
 
 
 def monitor_command(  # noqa: PLR0913  as many as options
-    paths: Sequence[Path],
+    given: Sequence[str],
     *,
-    model: Path,
+    model: Path | None,
+    store: Path | None = None,
     events: Path | None,
     settings: MonitorSettings,
     end: float,
@@ -79,22 +82,31 @@ def monitor_command(  # noqa: PLR0913  as many as options
         check_target(plot)
     if table is not None:
         check_export(table)
-    check_outputs((plot, table), (model, events, Path(duty or ""), *paths))
+    check_outputs((plot, table), (model, events, Path(duty or ""), *map(Path, given)))
     failure = Failure(preload_ratio=end, backlash=_parse_positive("--backlash", backlash, "m"))
     force = _parse_positive("--largest-load", largest_load, "N")
     stated = parse_duty(duty)
-    axis = read_model(model)
-    runs = [Run.read(path) for path in paths]
-    monitored = monitor(
-        runs,
-        axis,
-        events=() if events is None else read_events(events),
-        settings=settings,
-        failure=failure,
-        largest_load=force,
-        duty=stated,
-        accept=accept,
-    )
+    if store is not None:
+        if model is not None or events is not None or len(given) != 1:
+            raise InputError("with --store, give the name of one axis; its model and events are in the store.")
+        monitored, runs = _monitor_stored(
+            store, given[0], settings=settings, failure=failure, largest_load=force, duty=stated, accept=accept
+        )
+    else:
+        if model is None:
+            raise InputError("no model of the axis is given (--model); 'ballscrew calibrate' writes it.")
+        axis = read_model(model)
+        runs = [Run.read(path) for path in given]
+        monitored = monitor(
+            runs,
+            axis,
+            events=() if events is None else read_events(events),
+            settings=settings,
+            failure=failure,
+            largest_load=force,
+            duty=stated,
+            accept=accept,
+        )
     if plot is not None:
         from ballscrew.report.monitor_figure import draw_monitor
 
@@ -107,6 +119,16 @@ def monitor_command(  # noqa: PLR0913  as many as options
         print_monitored(monitored)
     status = report_newest(monitored.state, runs)
     return health_status(monitored.state, status) if exit_code else status
+
+
+def _monitor_stored(store: Path, axis: str, **stated: Any) -> tuple[Monitored, Sequence[Run]]:
+    """Monitor an axis by a store; sentences about runs that are no part of the history on standard error."""
+    from ballscrew.cli.store import open_store
+
+    assessed = open_store(store).monitor(axis, **stated)
+    for note in assessed.notes:
+        sys.stderr.write(f"ballscrew: {note}\n")
+    return assessed.monitored, assessed.runs
 
 
 def health_status(state: HealthState, status: int = DONE) -> int:

@@ -1,0 +1,199 @@
+"""``ballscrew store``: calls of the store, and its tables on the terminal."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from ballscrew.base.errors import DONE, InputError, printable
+from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.cli.monitor import STATE_STYLE
+from ballscrew.cli.output import TIME_WIDTH, console, print_json, progress_bar
+
+if TYPE_CHECKING:
+    from ballscrew.store.adding import Added
+    from ballscrew.store.store import Store
+
+_SHOWN_RUNS = 30  # newest runs in the table
+
+
+def open_store(path: Path | None) -> Store:
+    """The store of ``--store``.
+
+    Raises
+    ------
+    InputError
+        If none is given, or it is none.
+    """
+    from ballscrew.store.store import Store
+
+    if path is None:
+        raise InputError("no store is given: give its folder (--store DIR), or set BALLSCREW_STORE.")
+    return Store(path)
+
+
+def init_store(path: Path, database: str | None, *, as_json: bool) -> int:
+    """Create a store."""
+    from ballscrew.store.store import Store
+
+    store = Store.init(path, database=database)
+    if as_json:
+        print_json({"schema": SCHEMA, "store": str(store.path)})
+    else:
+        console().print(f"Store: {store.path}", markup=False, soft_wrap=True)
+    return DONE
+
+
+def add_files(
+    store: Store,
+    files: Sequence[Path],
+    *,
+    axis: str | None,
+    machine: str | None,
+    site: str | None,
+    method: str,
+    as_json: bool,
+) -> int:
+    """Add files; one that cannot be added is named and does not stop the others."""
+    if site is not None and machine is None:
+        raise InputError("a site is that of a machine; give it too (--machine).")
+    added, status = [], DONE
+    for path in files:
+        try:
+            with progress_bar(path.name) as progress:
+                found = store.add(
+                    path, axis=axis, machine=machine, site=site, method=method, progress=progress
+                )
+        except InputError as error:
+            if len(files) == 1:
+                raise
+            sys.stderr.write(f"ballscrew: {error}\n")
+            status = error.exit_status
+            continue
+        added.append((path, found))
+        if not as_json:
+            _print_added(path, found)
+    if as_json:
+        print_json({"schema": SCHEMA, "added": [_added_document(path, found) for path, found in added]})
+    return status
+
+
+def _added_document(path: Path, added: Added) -> dict[str, Any]:
+    return {
+        "file": str(path),
+        "kind": added.kind,
+        "id": added.subject,
+        "axis": added.axis,
+        "new": added.is_new,
+        "notes": list(added.notes),
+    }
+
+
+def _print_added(path: Path, added: Added) -> None:
+    what = added.kind if added.kind == "events" else f"{added.kind} {added.subject[:12]}"
+    done = "added" if added.is_new else "was there already"
+    screen = console()
+    screen.print(f"{path}: {what} of {added.axis}: {done}.", markup=False, soft_wrap=True)
+    for note in added.notes:
+        screen.print(f"  • {note}", markup=False)
+
+
+def list_store(store: Store, *, as_json: bool) -> int:
+    """Print the fleet."""
+    document = store.list()
+    if as_json:
+        print_json(document)
+        return DONE
+    table = Table()
+    for heading in ("site", "machine", "axis"):
+        table.add_column(heading)
+    for heading in ("runs", "stiffness\nas P/P₀", "remaining\nlife, days"):
+        table.add_column(heading, justify="right")
+    for heading in ("state", "newest run"):
+        table.add_column(heading)
+    for row in document["axes"]:
+        place = [escape(row[name] or "–") for name in ("site", "machine", "axis")]
+        newest = (row["newest_at"] or "–")[:TIME_WIDTH]
+        life = _life(row["rul_days"])
+        table.add_row(*place, str(row["runs"]), _ratio(row["stiffness"]), life, _state(row["state"]), newest)
+    console().print(table)
+    return DONE
+
+
+def _state(state: str) -> str:
+    style = STATE_STYLE.get(state, "bright_black")
+    return f"[{style}]{state}[/]"
+
+
+def _ratio(numbers: Sequence[float] | None) -> str:
+    if numbers is None:
+        return "–"
+    return f"{numbers[0]:.3f}"
+
+
+def _interval(numbers: Sequence[float] | None) -> str:
+    if numbers is None:
+        return "–"
+    return f"{numbers[1]:.2f} to {numbers[2]:.2f}"
+
+
+def _life(quantiles: dict[str, float | None]) -> str:
+    """Median and 90 % interval of the remaining life; an end that is open is infinite."""
+    numbers = []
+    for name in ("0.5", "0.05", "0.95"):
+        if name not in quantiles:
+            return "–"
+        days = quantiles[name]
+        numbers.append("∞" if days is None else f"{days:.0f}")
+    return f"{numbers[0]} ({numbers[1]} to {numbers[2]})"
+
+
+def show_store(store: Store, axis: str, *, as_json: bool) -> int:
+    """Print an axis with its runs, alarms, events and exclusions."""
+    document = store.show(axis)
+    if as_json:
+        print_json(document)
+        return DONE
+    screen = console()
+    text = f"{document['axis']}: {document['state']}"
+    if document["newest_at"]:
+        text += f", as of the run of {document['newest_at'][:TIME_WIDTH]}"
+    screen.print(text, markup=False)
+    screen.print(_runs(document["runs"]))
+    for alarm in document["alarms"]:
+        text = f"Alarm since {alarm['began_at'][:TIME_WIDTH]}, raised {alarm['raised_at'][:TIME_WIDTH]}"
+        if alarm["retracted_at"]:
+            text += f", retracted {alarm['retracted_at'][:TIME_WIDTH]}"
+        screen.print(f"{text}.", markup=False)
+    for event in document["events"]:
+        text = f"Event {event['digest'][:12]}, {event['at'][:TIME_WIDTH]}: {event['kind']}"
+        screen.print(printable(f"{text}: {event['text']}" if event["text"] else text), markup=False)
+    for row in document["exclusions"]:
+        if row["ended_at"] is None:
+            what = f"run {row['run'][:12]}" if row["run"] else f"event {row['event'][:12]}"
+            screen.print(printable(f"Excluded {what}: {row['reason']} ({row['actor']})"), markup=False)
+    return DONE
+
+
+def _runs(runs: Sequence[dict[str, Any]]) -> Table:
+    shown = runs[-_SHOWN_RUNS:]
+    title = f"{len(runs)} runs"
+    if len(shown) < len(runs):
+        title = f"the newest {len(shown)} of {title}"
+    table = Table(title=title, title_justify="left")
+    for heading in ("run", "measured at", "load, kg", "measurement"):
+        table.add_column(heading)
+    for heading in ("stiffness\nas P/P₀", "95 %"):
+        table.add_column(heading, justify="right")
+    table.add_column("state")
+    for run in shown:
+        load = "–" if run["mass_kg"] is None else f"{run['mass_kg']:g}"
+        row = [escape(run["run"][:12]), escape((run["measured_at"] or "–")[:TIME_WIDTH]), load]
+        row += [run["quality"] or "no result", _ratio(run["stiffness"]), _interval(run["stiffness"])]
+        table.add_row(*row, _state(run["state"] if run["counts"] else "does not count"))
+    return table

@@ -1,0 +1,273 @@
+"""Assessment of an axis by its stored runs: state and forecast are stored, alarms raised and retracted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session
+
+from ballscrew._version import __version__
+from ballscrew.base.errors import InputError
+from ballscrew.base.jsonfile import plain
+from ballscrew.base.provenance import digest
+from ballscrew.base.quantity import Quantity
+from ballscrew.modal.run import Run
+from ballscrew.monitoring.detection.chart import Chart
+from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.epochs import moment
+from ballscrew.monitoring.state import HealthState, RunState
+from ballscrew.prognosis.duty import DutyRecord
+from ballscrew.prognosis.failure import Failure
+from ballscrew.prognosis.monitor import Monitored, monitor
+from ballscrew.store.folder import now
+from ballscrew.store.opened import OpenStore, record
+from ballscrew.store.reading import StoredHistory, read_stored_history
+from ballscrew.store.tables import Alarm, Assessment, Axis, EpochRow, StateRow
+
+_ATTEMPTS = 5  # runs may be added meanwhile
+_REASONS = 10  # of an assessment that are stored
+
+
+@dataclass(frozen=True)
+class StoredAssessment:
+    """Result of :func:`monitor_axis`.
+
+    Parameters
+    ----------
+    monitored : Monitored
+        Health state and remaining life.
+    runs : tuple of Run
+        Runs of the history.
+    notes : tuple of str
+        Sentences about runs that are no part of it.
+    """
+
+    monitored: Monitored
+    runs: tuple[Run, ...]
+    notes: tuple[str, ...]
+
+
+def monitor_axis(
+    store: OpenStore,
+    axis: str,
+    *,
+    settings: MonitorSettings | None = None,
+    failure: Failure | None = None,
+    largest_load: float | None = None,
+    duty: float | DutyRecord | None = None,
+    accept: Sequence[str] = (),
+) -> StoredAssessment:
+    """Assess an axis by its stored runs, events and model, and store the result.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+    axis : str
+        Name of the axis.
+    settings, failure, largest_load, duty, accept
+        As for :func:`ballscrew.monitor`.
+
+    Returns
+    -------
+    StoredAssessment
+        As :func:`ballscrew.monitor` of the same runs; it does not depend on the order of addition.
+
+    Raises
+    ------
+    InputError
+        If the axis has no run or model, or as :func:`ballscrew.monitor` raises.
+    """
+    settings = settings or MonitorSettings()
+    stated = {
+        "settings": asdict(settings), "failure": asdict(failure or Failure()), "largest_load": largest_load,
+        "duty": repr(duty), "accept": sorted(set(accept)),
+    }  # fmt: skip
+    for _ in range(_ATTEMPTS):
+        with store.read() as session:
+            history = read_stored_history(session, axis)
+        monitored = monitor(
+            history.runs, history.model, events=history.events, settings=settings, failure=failure,
+            largest_load=largest_load, duty=duty, accept=accept,
+        )  # fmt: skip
+        with store.write("monitor --store") as session:
+            inputs = _inputs(history, stated)
+            if _inputs(read_stored_history(session, axis), stated) == inputs:
+                _store(session, history, monitored, inputs, stated)
+                return StoredAssessment(monitored, history.runs, _notes(history))
+    raise InputError(f"{store.path}: runs of {axis} are added all the time; try again.")
+
+
+def _inputs(history: StoredHistory, stated: dict[str, Any]) -> str:
+    """Digest of all that an assessment depends on."""
+    runs = {run.id: digest(run.to_json()) for run in history.runs}
+    return digest(
+        {
+            "runs": runs,
+            "events": [asdict(event) for event in history.events],
+            "model": history.model_digest,
+            "version": __version__,
+            "stated": plain(stated),
+        }
+    )
+
+
+def _notes(history: StoredHistory) -> tuple[str, ...]:
+    notes = []
+    if history.missing:
+        notes.append(
+            f"{history.missing} of the runs have no result by the method of the history "
+            f"({history.method.name}, revision {history.method.revision}) and are no part of it: "
+            "'ballscrew reprocess'."
+        )
+    if history.untimed:
+        notes.append(f"{history.untimed} of the runs have no time and are no part of the history.")
+    return tuple(notes)
+
+
+def _store(
+    session: Session, history: StoredHistory, monitored: Monitored, inputs: str, stated: dict[str, Any]
+) -> None:
+    """Rows of an assessment, unless they are there."""
+    axis = session.get_one(Axis, history.axis.id)
+    row = session.scalar(select(Assessment).where(Assessment.axis_id == axis.id, Assessment.inputs == inputs))
+    if row is not None and axis.assessment_id == row.id:
+        return
+    if row is None:
+        row = _assessment(history, monitored, inputs, stated)
+        session.add(row)
+        session.flush()
+    axis.assessment_id = row.id
+    state = monitored.state
+    session.execute(delete(StateRow).where(StateRow.axis_id == axis.id))
+    session.execute(delete(EpochRow).where(EpochRow.axis_id == axis.id))
+    session.add_all(_epoch_rows(state, axis.id))
+    session.flush()
+    session.add_all(_state_rows(state, axis.id, history.rows))
+    _update_alarms(session, state, axis)
+    record(session, "assess", f"axis {axis.name}", state=state.state, inputs=inputs)
+
+
+def _assessment(
+    history: StoredHistory, monitored: Monitored, inputs: str, stated: dict[str, Any]
+) -> Assessment:
+    state, document = monitored.state, monitored.to_json()
+    stiffness = None
+    if state.assessed is not None:
+        stiffness = _numbers(state.assessed.stiffness)
+    return Assessment(
+        axis_id=history.axis.id,
+        inputs=inputs,
+        made_at=now(),
+        version=__version__,
+        method_id=history.method.id,
+        model_digest=history.model_digest,
+        settings=plain(stated),
+        runs=len(history.runs),
+        newest_at=state.runs[-1].reading.measured_at,
+        state=state.state,
+        urgency=state.urgency,
+        verdict=state.verdict,
+        alarm_at=state.alarm_at,
+        stiffness=stiffness,
+        rul_days=document["rul_days"]["quantiles"],
+        reasons=list(state.reasons[:_REASONS]) or None,
+    )
+
+
+def _epoch_rows(state: HealthState, axis: int) -> list[EpochRow]:
+    rows = []
+    for epoch, chart in zip(state.epochs, state.charts, strict=True):
+        row = EpochRow(
+            axis_id=axis, number=epoch.number, begins=epoch.begins, ends=epoch.ends, cause=epoch.cause,
+            reference=epoch.reference, alarm_at=epoch.alarm_at, coefficients=None, covariance=None,
+            scale=None, share_uncertainty=state.scale_uncertainty,
+        )  # fmt: skip
+        if chart is not None:
+            row.coefficients = chart.coefficients.tolist()
+            row.covariance = chart.covariance.tolist()
+            row.scale = float(chart.scale[-1])
+        rows.append(row)
+    return rows
+
+
+def _state_rows(state: HealthState, axis: int, numbers: dict[str, int]) -> list[StateRow]:
+    """Rows of the runs; a good one has the next row of its epoch's chart."""
+    charted = [0] * len(state.epochs)
+    rows = []
+    for run in state.runs:
+        reading = run.reading
+        row = StateRow(
+            run_id=numbers[reading.run], axis_id=axis, epoch=reading.epoch,
+            time=moment(reading.measured_at, "a run").timestamp(), state=run.state, verdict=reading.verdict,
+            level=_finite(reading.level), random=_finite(reading.random),
+            systematic=_finite(reading.systematic), unknown_temperature=None, design=None,
+            ramp=_finite(run.ramp), ramp_limit=_finite(run.ramp_limit), odds=_finite(run.odds),
+            odds_limit=_finite(run.odds_limit), nut=_numbers(run.relative),
+            reasons=list(reading.reasons) or None,
+        )  # fmt: skip
+        chart = state.charts[reading.epoch]
+        if chart is not None and reading.verdict == "good":
+            _set_design(row, run, chart, charted[reading.epoch])
+            charted[reading.epoch] += 1
+        rows.append(row)
+    return rows
+
+
+def _set_design(row: StateRow, run: RunState, chart: Chart, index: int) -> None:
+    """Design of a run, where it has a stiffness."""
+    if run.stiffness is not None:
+        row.random = float(chart.design.uncertainty[index])
+        row.unknown_temperature = float(chart.design.unknown_temperature[index])
+        row.design = chart.design.columns[index].tolist()
+
+
+def _update_alarms(session: Session, state: HealthState, axis: Axis) -> None:
+    """Raise the alarms that are new, and retract those that no longer follow from the runs."""
+    standing = set(_alarms(state))
+    for row in session.scalars(select(Alarm).where(Alarm.axis_id == axis.id)):
+        key = (row.epoch, row.began_at)
+        if key in standing:
+            standing.discard(key)
+            if row.retracted_at is not None:
+                row.retracted_at = None
+                record(session, "raise again", f"alarm of {axis.name}", began_at=row.began_at)
+        elif row.retracted_at is None:
+            row.retracted_at = now()
+            record(session, "retract", f"alarm of {axis.name}", began_at=row.began_at)
+    for epoch, began_at in sorted(standing):
+        session.add(
+            Alarm(axis_id=axis.id, epoch=epoch, began_at=began_at, raised_at=now(), retracted_at=None)
+        )
+        record(session, "raise", f"alarm of {axis.name}", began_at=began_at)
+
+
+def _alarms(state: HealthState) -> list[tuple[int, str]]:
+    """Epoch and begin of every alarm in the history."""
+    found, before = [], ""
+    for run in state.runs:
+        if run.state == "alarm" and before != "alarm":
+            found.append((run.reading.epoch, run.reading.measured_at))
+        if run.state != "suspect":
+            before = run.state
+    newest = state.epochs[-1]
+    if newest.alarm_at is not None and (newest.number, newest.alarm_at) not in found:
+        found.append((newest.number, newest.alarm_at))
+    return found
+
+
+def _numbers(quantity: Quantity | None) -> list[float] | None:
+    """Value and both ends of the 95 % interval."""
+    if quantity is None:
+        return None
+    low, high = quantity.interval
+    return plain([quantity.value, low, high])  # type: ignore[no-any-return]
+
+
+def _finite(value: float) -> float | None:
+    """The number; None for NaN, which SQLite does not store."""
+    return None if math.isnan(value) else value

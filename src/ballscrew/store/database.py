@@ -1,0 +1,179 @@
+"""Databases of a store: SQLite in the data folder, or PostgreSQL by URL."""
+
+from __future__ import annotations
+
+import os
+import re
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event, text
+from sqlalchemy.engine import URL, make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
+from sqlalchemy.pool import NullPool
+
+from ballscrew.base.errors import InputError
+from ballscrew.store.tables import SCHEMA, SCHEMAS
+
+_WRITERS = 0x62616C6C  # advisory lock of PostgreSQL: one writer at a time
+_BUSY = 60_000  # ms
+_WAL_LIMIT = 64 << 20  # bytes that the write-ahead log keeps after a checkpoint
+
+# Sentence for what databases report, by a part of their message.
+_SENTENCES = (
+    ("malformed|not a database|disk image", "the database is damaged; restore a backup to another folder"),
+    ("database or disk is full|No space left", "the disk is full; nothing was added"),
+    ("readonly database|read-only", "the database is read-only"),
+    ("database is locked", "the database is in use by another process; try again"),
+    ("unable to open database|no such file", "the database cannot be opened"),
+    ("disk I/O error", "the disk reported an error; nothing was added"),
+    (
+        "[Cc]onnect|network|password|28P01|role .* does not exist|terminating|57P0|3D000|server closed",
+        "the database server cannot be reached or refuses the user",
+    ),
+)
+
+
+def sqlite_url(path: Path) -> str:
+    """URL of a SQLite database."""
+    return URL.create("sqlite", database=str(path)).render_as_string()
+
+
+def make_engine(url: str, *, writing: bool) -> Engine:
+    """Engine whose transactions are those of one writer, or read a consistent state.
+
+    Parameters
+    ----------
+    url : str
+        Of SQLite or PostgreSQL.
+    writing : bool
+        Whether it may write.
+
+    Returns
+    -------
+    Engine
+        Connections are closed after use: a reader that is left open keeps the write-ahead log growing.
+
+    Raises
+    ------
+    InputError
+        If the URL is not valid, or its driver is not installed.
+    """
+    try:
+        parsed = make_url(url)
+        if parsed.get_backend_name() == "sqlite":
+            return _sqlite_engine(str(parsed.database), writing=writing)
+        if parsed.get_backend_name() != "postgresql":
+            raise InputError("the database must be a URL of PostgreSQL: postgresql://user@host/name.")
+        level = "READ COMMITTED" if writing else "REPEATABLE READ"
+        engine = create_engine(
+            parsed.set(drivername="postgresql+pg8000"), poolclass=NullPool, isolation_level=level
+        )
+    except (ArgumentError, NoSuchModuleError):
+        raise InputError("the database is no URL such as postgresql://user@host/name.") from None
+    except ModuleNotFoundError:
+        raise InputError("PostgreSQL needs pg8000: python -m pip install 'ballscrew[postgresql]'.") from None
+    if writing:
+
+        @event.listens_for(engine, "begin")
+        def _wait_for_writers(connection: Connection) -> None:
+            connection.execute(text(f"SELECT pg_advisory_xact_lock({_WRITERS})"))
+
+    return engine
+
+
+def _sqlite_engine(path: str, *, writing: bool) -> Engine:
+    mode = "rw" if writing else "ro"
+    if not writing and not os.access(Path(path).parent, os.W_OK):
+        mode = "ro&immutable=1"  # without the files of the write-ahead log
+    address = f"{Path(path).resolve().as_uri()}?mode={mode}"
+
+    def connect() -> sqlite3.Connection:
+        # SQLAlchemy begins transactions, see below; Python's sqlite3 would begin others.
+        connection = sqlite3.connect(address, uri=True, isolation_level=None, check_same_thread=False)
+        connection.execute(f"PRAGMA busy_timeout = {_BUSY}")
+        connection.execute("PRAGMA foreign_keys = ON")
+        if writing:
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute("PRAGMA synchronous = FULL")
+            connection.execute(f"PRAGMA journal_size_limit = {_WAL_LIMIT}")
+        return connection
+
+    engine = create_engine("sqlite://", creator=connect, poolclass=NullPool)
+
+    @event.listens_for(engine, "begin")
+    def _begin(connection: Connection) -> None:
+        # A read that becomes a write fails at once, whatever the timeout.
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if writing else "BEGIN")
+
+    return engine
+
+
+@contextmanager
+def translated(where: object) -> Iterator[None]:
+    """Errors of a database as sentences.
+
+    Parameters
+    ----------
+    where : object
+        The store, for the message.
+
+    Yields
+    ------
+    None
+        While the database is used.
+
+    Raises
+    ------
+    InputError
+        For what a user can act upon; any other error stays as it is.
+    """
+    try:
+        yield
+    except (DBAPIError, sqlite3.Error, OSError) as error:
+        if isinstance(error, OSError) and error.filename is not None:
+            raise
+        message = str(getattr(error, "orig", None) or error)
+        if isinstance(error, DBAPIError) and error.connection_invalidated:
+            message = f"connection lost: {message}"
+        for pattern, sentence in _SENTENCES:
+            if re.search(pattern, message):
+                raise InputError(f"{where}: {sentence}.") from error
+        raise
+
+
+def check_schema(connection: Connection, where: object) -> None:
+    """Check that a database has the schema of this version.
+
+    Raises
+    ------
+    InputError
+        If it is older, newer or no store.
+    """
+    found = schema_of(connection)
+    if found == SCHEMA:
+        return
+    if found is None:
+        raise InputError(f"{where}: the database contains no store.")
+    if found in SCHEMAS:
+        raise InputError(
+            f"{where}: has schema {found}, this version needs {SCHEMA}: run 'ballscrew store migrate'."
+        )
+    raise InputError(
+        f"{where}: was written by a later version of ballscrew (schema {found}; this one reads {SCHEMA}); "
+        "use that version."
+    )
+
+
+def schema_of(connection: Connection) -> str | None:
+    """Version of the schema of a database; None where it contains no store."""
+    exists = "SELECT count(*) FROM sqlite_master WHERE name = 'alembic_version'"
+    if connection.dialect.name == "postgresql":
+        exists = "SELECT count(*) FROM pg_tables WHERE tablename = 'alembic_version'"
+    if not connection.execute(text(exists)).scalar():
+        return None
+    found: Any = connection.execute(text("SELECT version_num FROM alembic_version")).scalar()
+    return found

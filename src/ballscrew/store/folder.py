@@ -1,0 +1,177 @@
+"""Data folder of a store: where its parts lie, who uses it, and whether it is damaged."""
+
+from __future__ import annotations
+
+import getpass
+import json
+import os
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import IO, Any
+
+from ballscrew.base.errors import InputError
+from ballscrew.base.files import write_text
+from ballscrew.base.tomlfile import read_toml
+
+_PATIENCE = 60.0  # s; a command writes for less than a second, a large run for a few
+_LOCKED_BYTE = 1 << 30  # behind the text, which must stay readable on Windows
+_LAYOUT = 1
+
+
+def now() -> str:
+    """Current time, ISO 8601."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def actor() -> str:
+    """Who runs this process: user and host."""
+    user = "unknown"
+    with suppress(KeyError, OSError, ImportError):  # a container may have no such user
+        user = getpass.getuser()
+    return f"{user}@{socket.gethostname()}"
+
+
+class DataFolder:
+    """Data folder of a store.
+
+    Parameters
+    ----------
+    path : Path
+        The folder.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.sqlite = path / "store.sqlite"
+        self.files = path / "files"
+        self._config = path / "store.toml"
+        self._damage = path / "damaged.txt"
+        self._lock = path / "store.lock"
+
+    def exists(self) -> bool:
+        """Whether the folder contains a store."""
+        return self._config.is_file()
+
+    def create(self, url: str | None) -> None:
+        """Write store.toml, which makes a folder a store: the last step of its creation."""
+        self.files.mkdir(parents=True, exist_ok=True)
+        text = f"layout = {_LAYOUT}\n"
+        if url is not None:
+            text += f"database = {json.dumps(url)}\n"
+        write_text(self._config, text)
+        if url is not None and "@" in url:  # may contain a password
+            self._config.chmod(0o600)
+
+    def database_url(self) -> str | None:
+        """URL of the database; None for SQLite in the folder."""
+        if not self.exists():
+            raise InputError(f"{self.path}: is not a store; 'ballscrew store init {self.path}' creates one.")
+        fields = read_toml(self._config)
+        fields.only(["layout", "database"])
+        layout = fields.table.get("layout")
+        if layout != _LAYOUT:
+            raise InputError(
+                f"{self.path}: the layout of the store is {layout!r}; this version reads {_LAYOUT}."
+            )
+        return fields.text("database", "") or None
+
+    def mark_damaged(self, faults: list[str]) -> None:
+        """Refuse to write until a verification finds no fault; without faults, permit it again."""
+        if faults:
+            write_text(self._damage, "\n".join(faults) + "\n")
+        elif self._damage.exists():
+            self._damage.unlink()
+
+    def check_writable(self) -> None:
+        """Refuse to write to a damaged store."""
+        if self._damage.exists():
+            first = self._damage.read_text(encoding="utf-8", errors="replace").split("\n")[0]
+            raise InputError(
+                f"{self.path}: the store is damaged and only read ({first}): restore a backup to another "
+                "folder; after a repair, 'ballscrew store verify' permits writing again."
+            )
+
+    @contextmanager
+    def locked(self, purpose: str, *, serving: bool = False) -> Iterator[None]:
+        """Hold the lock of the folder; one process at a time writes.
+
+        Parameters
+        ----------
+        purpose : str
+            What is done, for the messages of others.
+        serving : bool
+            Whether it is held for as long as the process runs: others do not wait for it.
+
+        Yields
+        ------
+        None
+            While it is held.
+
+        Raises
+        ------
+        InputError
+            If another process holds it for long or serves, or the folder cannot be written.
+        """
+        try:
+            stream = self._lock.open("a+", encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written ({error.strerror or error}).") from None
+        with stream:
+            self._wait(stream)
+            holder = {"purpose": purpose, "by": actor(), "process": os.getpid(), "since": now()}
+            stream.truncate(0)
+            stream.write(json.dumps(holder | {"serving": serving}))
+            stream.flush()
+            try:
+                yield
+            finally:
+                stream.truncate(0)
+                _unlock(stream)
+
+    def _wait(self, stream: IO[str]) -> None:
+        deadline = time.monotonic() + _PATIENCE
+        while not _try_lock(stream):
+            holder = self._holder()
+            if holder.get("serving") or time.monotonic() > deadline:
+                words = "another process"
+                if holder:
+                    words = "{purpose}, process {process} of {by} since {since}".format_map(holder)
+                raise InputError(f"{self.path}: the store is in use by {words}; it can be read meanwhile.")
+            time.sleep(0.01)
+
+    def _holder(self) -> dict[str, Any]:
+        """Who holds the lock; empty where that is not known."""
+        with suppress(OSError, ValueError):
+            found = json.loads(self._lock.read_text(encoding="utf-8"))
+            if isinstance(found, dict) and {"purpose", "process", "by", "since"} <= set(found):
+                return found
+        return {}
+
+
+def _try_lock(stream: IO[str]) -> bool:
+    try:
+        if os.name == "nt":
+            import msvcrt
+
+            stream.seek(_LOCKED_BYTE)
+            msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+        else:
+            import fcntl
+
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _unlock(stream: IO[str]) -> None:
+    if os.name == "nt":
+        import msvcrt
+
+        stream.seek(_LOCKED_BYTE)
+        msvcrt.locking(stream.fileno(), msvcrt.LK_UNLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+    # Elsewhere the lock ends with the file.

@@ -1,0 +1,147 @@
+"""Versions of the schema: creation, and migration of an older store on a copy."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from pathlib import Path
+
+from alembic import command
+from alembic.config import Config
+from sqlalchemy import Connection
+
+from ballscrew.base.errors import InputError
+from ballscrew.store.database import make_engine, schema_of, sqlite_url, translated
+from ballscrew.store.folder import DataFolder
+from ballscrew.store.raw_files import sync_folder
+from ballscrew.store.tables import SCHEMA, SCHEMAS
+
+_MIGRATIONS = Path(__file__).parent / "migrations"
+
+
+def upgrade(connection: Connection, where: object, *, new: bool = False, target: str = SCHEMA) -> None:
+    """Bring the schema of a database to a version, in the transaction of a connection.
+
+    Parameters
+    ----------
+    connection : Connection
+        Writing.
+    where : object
+        The store, for messages.
+    new : bool
+        Whether the database must be without a store.
+    target : str
+        Version of the schema.
+
+    Raises
+    ------
+    InputError
+        If there is a store where there must be none, none where there must be one, or a newer one.
+    """
+    found = schema_of(connection)
+    if new and found is not None:
+        raise InputError(f"{where}: the database contains a store already.")
+    if not new and found is None:
+        raise InputError(f"{where}: the database contains no store.")
+    if found is not None and found not in SCHEMAS:
+        raise InputError(f"{where}: was written by a later version of ballscrew (schema {found}).")
+    config = Config()
+    config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
+    config.set_main_option("path_separator", "os")
+    config.attributes["connection"] = connection
+    command.upgrade(config, target)
+
+
+def migrate(path: str | Path) -> str:
+    """Migrate a store to the schema of this version.
+
+    SQLite: on a copy, which is checked and then takes the place of the database. PostgreSQL: in a transaction.
+
+    Parameters
+    ----------
+    path : path-like
+        Data folder of the store.
+
+    Returns
+    -------
+    str
+        Version that it had.
+
+    Raises
+    ------
+    InputError
+        If the store is damaged or of a later version; it is then as it was.
+    """
+    folder = DataFolder(Path(path))
+    url = folder.database_url()
+    folder.check_writable()
+    with translated(path), folder.locked("store migrate"):
+        engine = make_engine(url or sqlite_url(folder.sqlite), writing=True)
+        with engine.begin() as connection:
+            found = schema_of(connection)
+            if url is not None:
+                upgrade(connection, path)
+        if url is None and found != SCHEMA:
+            _migrate_copy(folder)
+    return str(found)
+
+
+def _migrate_copy(folder: DataFolder) -> None:
+    copy = folder.path / "store.migrating"
+    for name in (copy.name, f"{copy.name}-wal", f"{copy.name}-journal"):
+        (folder.path / name).unlink(missing_ok=True)  # of a migration that was killed
+    source = sqlite3.connect(folder.sqlite, isolation_level=None)
+    try:
+        # The old database must have no write-ahead log, which would be applied to the new one.
+        source.execute("PRAGMA busy_timeout = 60000")
+        if source.execute("PRAGMA journal_mode = DELETE").fetchone()[0] != "delete":
+            raise InputError(f"{folder.path}: the store is being read; try again.")
+        copy_sqlite(source, copy)
+    finally:
+        source.close()
+    engine = make_engine(sqlite_url(copy), writing=True)
+    with engine.begin() as connection:
+        upgrade(connection, folder.path)
+    faults = sqlite_faults(copy)
+    if faults:
+        raise InputError(f"{folder.path}: the migration was abandoned: {faults[0]}.")
+    settle(copy)
+    copy.replace(folder.sqlite)
+    sync_folder(folder.path)
+
+
+def copy_sqlite(source: sqlite3.Connection, target: Path) -> None:
+    """Copy a database as it is at one moment, while others use it."""
+    copied = sqlite3.connect(target)
+    try:
+        source.backup(copied)
+    finally:
+        copied.close()
+
+
+def sqlite_faults(path: Path) -> list[str]:
+    """Faults of a SQLite database by its own checks."""
+    connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)
+    faults = []
+    try:
+        for (line,) in connection.execute("PRAGMA integrity_check(20)"):
+            if line != "ok":
+                faults.append(f"database: {line}")
+        for table, row, parent, _ in connection.execute("PRAGMA foreign_key_check"):
+            faults.append(f"database: row {row} of {table} refers to a row of {parent} that is missing")
+    except sqlite3.DatabaseError as error:
+        faults.append(f"database: {error}")
+    finally:
+        connection.close()
+    return faults
+
+
+def settle(path: Path) -> None:
+    """Make a SQLite database one durable file, without a write-ahead log."""
+    connection = sqlite3.connect(path, isolation_level=None)
+    try:
+        connection.execute("PRAGMA journal_mode = DELETE")
+    finally:
+        connection.close()
+    with path.open("rb+") as stream:
+        os.fsync(stream.fileno())

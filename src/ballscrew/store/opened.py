@@ -1,0 +1,144 @@
+"""An open store: its folder, its database, and transactions of readers and of the one writer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Engine
+from sqlalchemy.orm import Session
+
+from ballscrew.base.errors import InputError
+from ballscrew.store.database import check_schema, make_engine, sqlite_url, translated
+from ballscrew.store.folder import DataFolder, actor, now
+from ballscrew.store.tables import Audit, Base
+
+
+class OpenStore:
+    """A store that is open.
+
+    Parameters
+    ----------
+    path : path-like
+        Data folder of the store.
+
+    Raises
+    ------
+    InputError
+        If the folder contains no store, or one of another schema.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.folder = DataFolder(Path(path))
+        self.url = self.folder.database_url() or sqlite_url(self.folder.sqlite)
+        self._engines: dict[bool, Engine] = {}
+        with translated(self.folder.path), self.engine(writing=False).connect() as connection:
+            check_schema(connection, self.folder.path)
+
+    @property
+    def path(self) -> Path:
+        """Data folder."""
+        return self.folder.path
+
+    def engine(self, *, writing: bool) -> Engine:
+        """Engine of the database."""
+        if writing not in self._engines:
+            self._engines[writing] = make_engine(self.url, writing=writing)
+        return self._engines[writing]
+
+    @contextmanager
+    def read(self) -> Iterator[Session]:
+        """Read one consistent state.
+
+        Yields
+        ------
+        Session
+            Closed with the block: no reader stays open.
+        """
+        with translated(self.path), Session(self.engine(writing=False)) as session:
+            yield session
+
+    @contextmanager
+    def write(self, purpose: str) -> Iterator[Session]:
+        """Write in one transaction, which is durable when the block ends without an error.
+
+        Parameters
+        ----------
+        purpose : str
+            For those that wait for it.
+
+        Yields
+        ------
+        Session
+            Rolled back after an error.
+
+        Raises
+        ------
+        InputError
+            If the store is damaged, in use, or cannot be written.
+        """
+        self.folder.check_writable()
+        with (
+            translated(self.path),
+            self.folder.locked(purpose),
+            Session(self.engine(writing=True)) as session,
+            session.begin(),
+        ):
+            yield session
+
+
+def record(session: Session, action: str, subject: str, **detail: Any) -> None:
+    """Add a row to the audit."""
+    session.add(Audit(at=now(), actor=actor(), action=action, subject=subject, detail=detail))
+
+
+def create_store(path: str | Path, *, database: str | None = None) -> OpenStore:
+    """Create an empty store.
+
+    Parameters
+    ----------
+    path : path-like
+        Data folder: created, or empty.
+    database : str, optional
+        URL of an empty PostgreSQL database; by default SQLite in the folder.
+
+    Returns
+    -------
+    OpenStore
+        The store.
+
+    Raises
+    ------
+    InputError
+        If there is a store already, the folder contains other files, or something cannot be written.
+    """
+    from ballscrew.store.migrating import upgrade
+
+    folder = DataFolder(Path(path))
+    if folder.exists():
+        raise InputError(f"{path}: is a store already.")
+    try:
+        folder.path.mkdir(parents=True, exist_ok=True)
+        others = {each.name for each in folder.path.iterdir()} - {"store.lock", "store.sqlite", "files"}
+    except OSError as error:
+        raise InputError(f"{path}: cannot be created ({error.strerror or error}).") from None
+    if others:
+        raise InputError(f"{path}: contains other files ({sorted(others)[0]}); give a new folder.")
+    with translated(path), folder.locked("store init"):
+        if database is None:
+            # Of a creation that was killed: a store has store.toml, which is written last.
+            for name in ("store.sqlite", "store.sqlite-wal", "store.sqlite-shm"):
+                (folder.path / name).unlink(missing_ok=True)
+            folder.sqlite.touch()
+        engine = make_engine(database or sqlite_url(folder.sqlite), writing=True)
+        with engine.begin() as connection:
+            upgrade(connection, path, new=True)
+        folder.create(database)
+    return OpenStore(path)
+
+
+def tables() -> list[Any]:
+    """Tables of the schema, each after those that its rows refer to."""
+    return list(Base.metadata.sorted_tables)

@@ -1,0 +1,445 @@
+"""What the store contains: the fleet, an axis with its trend, and the runs, events and model of its history."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from sqlalchemy import func, or_, select
+from sqlalchemy.orm import Session
+
+from ballscrew.base.errors import InputError, shown
+from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.base.quantity import NORMAL_95
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.calibration.modelfile import model_from_json
+from ballscrew.modal.run import Run
+from ballscrew.monitoring.epochs import Event
+from ballscrew.store.adding import unpack
+from ballscrew.store.opened import OpenStore
+from ballscrew.store.tables import (
+    Alarm,
+    Assessment,
+    Axis,
+    EpochRow,
+    EventRow,
+    Exclusion,
+    Machine,
+    Method,
+    Model,
+    ResultRow,
+    RunRow,
+    StateRow,
+)
+
+_NAMES = 5  # axes that a message lists
+
+
+def find_axis(session: Session, name: str) -> Axis:
+    """Row of an axis.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    row = session.scalar(select(Axis).where(Axis.name == name))
+    if row is None:
+        names = session.scalars(select(Axis.name).order_by(Axis.name).limit(_NAMES)).all()
+        known = f"it has {', '.join(map(shown, names))}" if names else "it has none"
+        raise InputError(f"the store has no axis {shown(name)}; {known}.")
+    return row
+
+
+def find_run(session: Session, beginning: str) -> RunRow:
+    """Row of the run whose id begins with a text.
+
+    Raises
+    ------
+    InputError
+        If there is none, or more than one.
+    """
+    matches = RunRow.run.startswith(beginning, autoescape=True)
+    rows = session.scalars(select(RunRow).where(matches).limit(2)).all()
+    exact = [row for row in rows if row.run == beginning]
+    rows = exact or rows
+    if not beginning or not rows:
+        raise InputError(f"the store has no run {shown(beginning)}; 'ballscrew store show AXIS' lists them.")
+    if len(rows) > 1:
+        raise InputError(
+            f"the store has several runs whose id begins with {shown(beginning)}; give more of it."
+        )
+    return rows[0]
+
+
+def find_method(session: Session, axis: Axis) -> Method | None:
+    """Method of the results that are an axis' history: the one chosen, else that of the most runs."""
+    if axis.method_id is not None:
+        return session.get(Method, axis.method_id)
+    count = func.count()
+    found = session.execute(
+        select(Method, count)
+        .join(ResultRow, ResultRow.method_id == Method.id)
+        .join(RunRow, RunRow.id == ResultRow.run_id)
+        .where(RunRow.axis_id == axis.id)
+        .group_by(Method.id)
+        .order_by(count.desc(), Method.revision, Method.name, Method.settings_digest)
+    ).first()
+    return None if found is None else found[0]
+
+
+def find_model(session: Session, axis: Axis) -> Model:
+    """Model of an axis: the one chosen, or the only one.
+
+    Raises
+    ------
+    InputError
+        If there is none, or several and none was chosen.
+    """
+    if axis.model_digest is not None:
+        return session.get_one(Model, axis.model_digest)
+    rows = session.scalars(select(Model).where(Model.axis_id == axis.id).order_by(Model.digest)).all()
+    if not rows:
+        raise InputError(
+            f"the store has no model of the axis {shown(axis.name)}: 'ballscrew store add MODEL.json'."
+        )
+    if len(rows) > 1:
+        digests = ", ".join(row.digest[:12] for row in rows)
+        raise InputError(
+            f"the store has {len(rows)} models of the axis {shown(axis.name)} ({digests}): choose one with "
+            "'ballscrew store correct AXIS --model'."
+        )
+    return rows[0]
+
+
+@dataclass(frozen=True)
+class StoredHistory:
+    """What the history of an axis is made from.
+
+    Parameters
+    ----------
+    axis : Axis
+        Its row.
+    method : Method
+        Of the results.
+    model_digest : str
+        Digest of the model.
+    model : CalibratedAxis
+        The model.
+    runs : tuple of Run
+        In time order, without excluded, corrected and untimed ones.
+    rows : dict of str to int
+        Number of each of their rows, by id.
+    events : tuple of Event
+        By time, without excluded ones.
+    missing : int
+        Runs without a result by the method.
+    untimed : int
+        Runs without a time.
+    """
+
+    axis: Axis
+    method: Method
+    model_digest: str
+    model: CalibratedAxis
+    runs: tuple[Run, ...]
+    rows: dict[str, int]
+    events: tuple[Event, ...]
+    missing: int
+    untimed: int
+
+
+def read_stored_history(session: Session, name: str) -> StoredHistory:
+    """Read what the history of an axis is made from.
+
+    Parameters
+    ----------
+    session : Session
+        Reading.
+    name : str
+        Name of the axis.
+
+    Returns
+    -------
+    StoredHistory
+        It does not depend on the order in which its parts were added.
+
+    Raises
+    ------
+    InputError
+        If there is no such axis, or it has no model or no run.
+    """
+    axis = find_axis(session, name)
+    model = find_model(session, axis)
+    method = find_method(session, axis)
+    current = current_rows(session, axis)
+    timed = [row for row in current if row.time is not None]
+    runs, rows = [], {}
+    if method is not None:
+        documents = result_documents(session, axis, method)
+        for row in timed:
+            if row.id in documents:
+                runs.append(Run.from_json(unpack(documents[row.id]), f"run {row.run[:12]}"))
+                rows[row.run] = row.id
+    if method is None or not runs:
+        raise InputError(f"the store has no run of the axis {shown(name)} with a time.")
+    return StoredHistory(
+        axis=axis,
+        method=method,
+        model_digest=model.digest,
+        model=model_from_json(unpack(model.document), f"model {model.digest[:12]}"),
+        runs=tuple(runs),
+        rows=rows,
+        events=current_events(session, axis),
+        missing=len(timed) - len(runs),
+        untimed=len(current) - len(timed),
+    )
+
+
+def result_documents(session: Session, axis: Axis, method: Method) -> dict[int, bytes]:
+    """RUN.json, packed, of each run of an axis by a method."""
+    found = session.execute(
+        select(ResultRow.run_id, ResultRow.document)
+        .join(RunRow, RunRow.id == ResultRow.run_id)
+        .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
+    )
+    return dict(found.tuples().all())
+
+
+def current_rows(session: Session, axis: Axis) -> list[RunRow]:
+    """Runs of an axis in time order, without those that were corrected or excluded."""
+    order = (RunRow.time, RunRow.run)
+    rows = session.scalars(select(RunRow).where(RunRow.axis_id == axis.id).order_by(*order)).all()
+    excluded = set(
+        session.scalars(
+            select(RunRow.run)
+            .join(Exclusion, Exclusion.run_id == RunRow.id)
+            .where(RunRow.axis_id == axis.id, Exclusion.ended_at.is_(None))
+        )
+    )
+    former = {row.run: row.supersedes for row in rows}
+    superseded = set(former.values())
+    current = []
+    for row in rows:
+        if row.run not in superseded and not excluded.intersection(_versions(row.run, former)):
+            current.append(row)
+    return current
+
+
+def _versions(run: str, former: Mapping[str, str | None]) -> Iterable[str]:
+    """Ids of a run before and after its corrections."""
+    found: dict[str, None] = {}
+    version: str | None = run
+    while version is not None and version not in found:
+        found[version] = None
+        version = former.get(version)
+    return found
+
+
+def current_events(session: Session, axis: Axis) -> tuple[Event, ...]:
+    """Events on an axis by time, without excluded ones."""
+    excluded = select(Exclusion.event_id).where(Exclusion.event_id.is_not(None), Exclusion.ended_at.is_(None))
+    rows = session.scalars(
+        select(EventRow)
+        .where(EventRow.axis_id == axis.id, EventRow.id.not_in(excluded))
+        .order_by(EventRow.time, EventRow.digest)
+    )
+    return tuple(Event(row.at, row.kind, row.text) for row in rows)
+
+
+def list_axes(store: OpenStore) -> dict[str, Any]:
+    """The fleet: each axis with its place, its number of runs, and its state by the newest assessment.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+
+    Returns
+    -------
+    dict
+        Document of ``store list --json``.
+    """
+    with store.read() as session:
+        found = session.execute(
+            select(Axis.name, Machine.site, Machine.name, Assessment)
+            .outerjoin(Machine, Machine.id == Axis.machine_id)
+            .outerjoin(Assessment, Assessment.id == Axis.assessment_id)
+            .order_by(Machine.site, Machine.name, Axis.name)
+        ).all()
+        counted = select(Axis.name, func.count(RunRow.id), func.max(RunRow.time))
+        counts = {}
+        for name, number, newest in session.execute(
+            counted.outerjoin(RunRow, RunRow.axis_id == Axis.id).group_by(Axis.name)
+        ):
+            counts[name] = (number, newest)
+    axes = []
+    for name, site, machine, assessment in found:
+        row = {"axis": name, "site": site or None, "machine": machine, "runs": counts[name][0]}
+        axes.append(row | _assessment_document(assessment))
+    return {"schema": SCHEMA, "axes": axes}
+
+
+def _assessment_document(row: Assessment | None) -> dict[str, Any]:
+    """State and forecast of an axis; unknown where it was not assessed."""
+    if row is None:
+        unknown = dict.fromkeys(("assessed_at", "newest_at", "alarm_at", "stiffness"))
+        return {"state": "unknown", "urgency": "unknown"} | unknown | {"rul_days": {}, "reasons": []}
+    return {
+        "state": row.state,
+        "urgency": row.urgency,
+        "assessed_at": row.made_at,
+        "newest_at": row.newest_at,
+        "alarm_at": row.alarm_at,
+        "stiffness": row.stiffness,
+        "rul_days": row.rul_days,
+        "reasons": row.reasons or [],
+    }
+
+
+def show_axis(store: OpenStore, name: str) -> dict[str, Any]:
+    """An axis: its newest assessment, its trend, alarms, events and exclusions.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+    name : str
+        Name of the axis.
+
+    Returns
+    -------
+    dict
+        Document of ``store show --json``.
+
+    Raises
+    ------
+    InputError
+        If there is no such axis.
+    """
+    with store.read() as session:
+        axis = find_axis(session, name)
+        assessment = None
+        if axis.assessment_id is not None:
+            assessment = session.get(Assessment, axis.assessment_id)
+        method = find_method(session, axis)
+        current = {row.id for row in current_rows(session, axis)}
+        alarms = session.scalars(select(Alarm).where(Alarm.axis_id == axis.id).order_by(Alarm.id)).all()
+        of_run, of_event = Exclusion.run_id == RunRow.id, Exclusion.event_id == EventRow.id
+        excluded = session.execute(
+            select(RunRow.run, EventRow.digest, Exclusion)
+            .select_from(Exclusion)
+            .outerjoin(RunRow, of_run)
+            .outerjoin(EventRow, of_event)
+            .where(or_(RunRow.axis_id == axis.id, EventRow.axis_id == axis.id))
+            .order_by(Exclusion.id)
+        ).all()
+        events = session.scalars(
+            select(EventRow).where(EventRow.axis_id == axis.id).order_by(EventRow.time, EventRow.digest)
+        ).all()
+        return {
+            "schema": SCHEMA,
+            "axis": axis.name,
+            "method": None if method is None else {"name": method.name, "revision": method.revision},
+            **_assessment_document(assessment),
+            "runs": _runs_document(session, axis, method, current, trend(session, axis)),
+            "alarms": [_named(row, "epoch", "began_at", "raised_at", "retracted_at") for row in alarms],
+            "events": [_named(row, "digest", "at", "kind", "text") for row in events],
+            "exclusions": [
+                {"run": run, "event": event} | _named(row, "reason", "actor", "begun_at", "ended_at")
+                for run, event, row in excluded
+            ],
+        }
+
+
+def _named(row: Any, *names: str) -> dict[str, Any]:
+    return {name: getattr(row, name) for name in names}
+
+
+def _runs_document(
+    session: Session, axis: Axis, method: Method | None, current: set[int], states: Mapping[int, Any]
+) -> list[dict[str, Any]]:
+    """Every run of an axis in time order, with what is known of it."""
+    verdicts: dict[int, str] = {}
+    if method is not None:
+        verdicts = dict(
+            session.execute(
+                select(ResultRow.run_id, ResultRow.verdict)
+                .join(RunRow, RunRow.id == ResultRow.run_id)
+                .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
+            )
+            .tuples()
+            .all()
+        )
+    rows = session.scalars(select(RunRow).where(RunRow.axis_id == axis.id).order_by(RunRow.time, RunRow.run))
+    runs = []
+    for row in rows:
+        run = _named(row, "run", "measured_at", "mass_kg", "temperature_C", "supersedes")
+        run |= {"counts": row.id in current, "quality": verdicts.get(row.id)}
+        runs.append(run | states.get(row.id, {"state": "unknown", "stiffness": None, "nut": None}))
+    return runs
+
+
+def trend(session: Session, axis: Axis) -> dict[int, dict[str, Any]]:
+    """State of each run of an axis, with P/P₀ relative to the baseline of its epoch.
+
+    Parameters
+    ----------
+    session : Session
+        Reading.
+    axis : Axis
+        Row of the axis.
+
+    Returns
+    -------
+    dict of int to dict
+        By the number of the run's row, in time order: state and, as value and 95 % interval, stiffness and nut.
+    """
+    epochs = {}
+    for epoch in session.scalars(select(EpochRow).where(EpochRow.axis_id == axis.id)):
+        epochs[epoch.number] = epoch
+    columns = (
+        StateRow.run_id, StateRow.epoch, StateRow.state, StateRow.nut, StateRow.level, StateRow.random,
+        StateRow.systematic, StateRow.unknown_temperature, StateRow.design,
+    )  # fmt: skip
+    found = session.execute(
+        select(*columns).where(StateRow.axis_id == axis.id).order_by(StateRow.time, StateRow.run_id)
+    ).all()
+    states: dict[int, dict[str, Any]] = {}
+    for row in found:
+        states[row.run_id] = {"state": row.state, "epoch": row.epoch, "stiffness": None, "nut": row.nut}
+    for number, epoch in epochs.items():
+        charted = [row for row in found if row.epoch == number and row.design is not None]
+        if charted and epoch.coefficients is not None:
+            for row, stiffness in zip(charted, relative_stiffness(charted, epoch), strict=True):
+                states[row.run_id]["stiffness"] = stiffness
+    return states
+
+
+def relative_stiffness(rows: Sequence[Any], epoch: EpochRow) -> list[list[float] | None]:
+    """P/P₀ of charted runs by the baseline of their epoch: value and both ends of the 95 % interval.
+
+    As :func:`ballscrew.monitoring.health.health_state` computes it, from rows.
+    """
+    design = np.array([row.design for row in rows], dtype=np.float64)
+    level, random, systematic, unknown = np.array(
+        [(row.level, row.random, row.systematic, row.unknown_temperature) for row in rows], dtype=np.float64
+    ).T
+    coefficients, covariance = np.array(epoch.coefficients), np.array(epoch.covariance)
+    u = 1 + level
+    root = (1 / u + design[:, 1:] @ coefficients[1:]) / (1 - coefficients[0])
+    by_baseline = np.einsum("ni,ij,nj->n", design, covariance, design)
+    scale = 0.0 if epoch.scale is None else epoch.scale
+    variance = (scale * random) ** 2 + unknown**2 + by_baseline
+    variance += (epoch.share_uncertainty * root * np.abs(1 - root)) ** 2 + (systematic / u**2) ** 2
+    half = NORMAL_95 * np.sqrt(variance)
+    found: list[list[float] | None] = []
+    for middle, width, compliance in zip(root.tolist(), half.tolist(), u.tolist(), strict=True):
+        if not (middle > 0 and compliance > 0 and math.isfinite(width)):
+            found.append(None)
+        else:
+            found.append([middle**3, max(middle - width, 0.0) ** 3, (middle + width) ** 3])
+    return found

@@ -1,0 +1,32 @@
+"""A store as an object: every command ``ballscrew store`` is a method."""
+
+from __future__ import annotations
+
+from ballscrew.store import adding, assessing, opened, reading
+
+
+class Store(opened.OpenStore):
+    """Store of a fleet: runs, results, raw files, models, events and states of its axes.
+
+    Parameters
+    ----------
+    path : path-like
+        Data folder of the store.
+
+    Raises
+    ------
+    InputError
+        If the folder contains no store, or one of another schema.
+
+    Examples
+    --------
+    >>> store = ballscrew.Store("plant")  # doctest: +SKIP
+    >>> store.add("run.toml")  # doctest: +SKIP
+    >>> store.monitor("X axis of mill 4").monitored.state.state  # doctest: +SKIP
+    """
+
+    init = staticmethod(opened.create_store)
+    add = adding.add
+    list = reading.list_axes
+    show = reading.show_axis
+    monitor = assessing.monitor_axis

@@ -1,0 +1,371 @@
+"""Tables of the store.
+
+A row with a ``checksum`` is verified against it; cells and recordings are verified against the RUN.json of
+their result. Text that people entered, and everything that an analysis gave, stays as it was added.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any, ClassVar
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    Boolean,
+    Float,
+    ForeignKey,
+    ForeignKeyConstraint,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    Text,
+    UniqueConstraint,
+    event,
+    inspect,
+)
+from sqlalchemy.orm import DeclarativeBase, Mapped, Mapper, mapped_column
+
+SCHEMA = "0001"
+"""Newest version of the schema, as Alembic has it."""
+
+SCHEMAS = (SCHEMA,)
+"""All of them, by age."""
+
+
+class Base(DeclarativeBase):
+    """A table; JSON, integers and numbers have one type on every database."""
+
+    metadata = MetaData(
+        naming_convention={
+            "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+            "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+            "fk": "fk_%(table_name)s_%(column_0_N_name)s",
+            "pk": "pk_%(table_name)s",
+        }
+    )
+    type_annotation_map: ClassVar[dict[Any, Any]] = {
+        str: Text,
+        float: Float(53),
+        int: Integer,
+        bool: Boolean,
+        bytes: LargeBinary,
+        dict[str, Any]: JSON,
+        list[Any]: JSON(none_as_null=True),
+    }
+
+
+class Checked:
+    """A row whose values have a checksum, so that a changed byte in the database is found."""
+
+    checksum: Mapped[int] = mapped_column(BigInteger, default=0)
+
+
+def checksum_of(row: Checked) -> int:
+    """Checksum of a row by its values.
+
+    Parameters
+    ----------
+    row : Checked
+        Its number, which the database assigns, has no effect.
+
+    Returns
+    -------
+    int
+        Of 64 bits, with sign.
+    """
+    values = {}
+    for column in inspect(type(row)).columns:  # type: ignore[union-attr]
+        if column.name not in ("id", "checksum"):
+            value = getattr(row, column.key)
+            values[column.name] = value.hex() if isinstance(value, bytes) else value
+    text = json.dumps(values, sort_keys=True)
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "big", signed=True)
+
+
+@event.listens_for(Checked, "before_insert", propagate=True)
+@event.listens_for(Checked, "before_update", propagate=True)
+def _set_checksum(mapper: Mapper[Any], connection: Any, row: Any) -> None:  # noqa: ARG001  as SQLAlchemy calls it
+    row.checksum = checksum_of(row)
+
+
+class Machine(Checked, Base):
+    """A machine, at a site."""
+
+    __tablename__ = "machines"
+    __table_args__ = (UniqueConstraint("site", "name"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    site: Mapped[str]
+    name: Mapped[str]
+
+
+class Axis(Checked, Base):
+    """An axis, by its name in the data sheet; what was chosen for its history, and its newest assessment."""
+
+    __tablename__ = "axes"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(unique=True)
+    machine_id: Mapped[int | None] = mapped_column(ForeignKey("machines.id"))
+    model_digest: Mapped[str | None] = mapped_column()
+    method_id: Mapped[int | None] = mapped_column(ForeignKey("methods.id"))
+    assessment_id: Mapped[int | None] = mapped_column()
+
+
+class Document(Checked, Base):
+    """A data sheet, plan or channel map, by the digest that RUN.json states."""
+
+    __tablename__ = "documents"
+    digest: Mapped[str] = mapped_column(primary_key=True)
+    kind: Mapped[str]
+    axis_id: Mapped[int | None] = mapped_column(ForeignKey("axes.id"))
+    text: Mapped[str]
+    added_at: Mapped[str]
+
+
+class Model(Checked, Base):
+    """A calibrated model of an axis: MODEL.json."""
+
+    __tablename__ = "models"
+    digest: Mapped[str] = mapped_column(primary_key=True)
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"), index=True)
+    document: Mapped[bytes]
+    added_at: Mapped[str]
+
+
+class Method(Checked, Base):
+    """A method of analysis with its settings; the revision is raised only when numbers change."""
+
+    __tablename__ = "methods"
+    __table_args__ = (UniqueConstraint("name", "settings_digest", "revision"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str]
+    settings_digest: Mapped[str]
+    revision: Mapped[int]
+    settings: Mapped[dict[str, Any]]
+
+
+class RunRow(Checked, Base):
+    """A run: one execution of a plan on an axis. ``time`` is ``measured_at`` in seconds since 1970."""
+
+    __tablename__ = "runs"
+    __table_args__ = (Index("ix_runs_axis_time", "axis_id", "time"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    run: Mapped[str] = mapped_column(unique=True)
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"))
+    measured_at: Mapped[str | None]
+    time: Mapped[float | None]
+    mass_kg: Mapped[float | None]
+    temperature_C: Mapped[float | None]  # noqa: N815  as in RUN.json
+    supersedes: Mapped[str | None] = mapped_column(index=True)
+    received_at: Mapped[str]
+
+
+class Source(Checked, Base):
+    """RUN.toml of a run whose raw files are kept: what it states, and its documents."""
+
+    __tablename__ = "sources"
+    digest: Mapped[str] = mapped_column(primary_key=True)
+    run_id: Mapped[int] = mapped_column(ForeignKey("runs.id"), index=True)
+    stated: Mapped[dict[str, Any]]
+
+
+class RawFile(Checked, Base):
+    """A raw file in the store, by its hash; where it was archived, the folder it was moved to."""
+
+    __tablename__ = "files"
+    sha256: Mapped[str] = mapped_column(primary_key=True)
+    size: Mapped[int] = mapped_column(BigInteger)
+    stored_size: Mapped[int] = mapped_column(BigInteger)
+    compression: Mapped[str]
+    archived_to: Mapped[str | None]
+    added_at: Mapped[str]
+
+
+class RecordingRow(Base):
+    """A recording of a run; there is a raw file of this hash only where it is kept."""
+
+    __tablename__ = "recordings"
+    run_id: Mapped[int] = mapped_column(ForeignKey("runs.id"), primary_key=True)
+    place: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str]
+    sha256: Mapped[str] = mapped_column(index=True)
+
+
+class ResultRow(Checked, Base):
+    """One analysis of a run: RUN.json, compressed, its verdict and version."""
+
+    __tablename__ = "results"
+    __table_args__ = (UniqueConstraint("run_id", "method_id"), Index("ix_results_method", "method_id"))
+    id: Mapped[int] = mapped_column(primary_key=True)
+    run_id: Mapped[int] = mapped_column(ForeignKey("runs.id"))
+    method_id: Mapped[int] = mapped_column(ForeignKey("methods.id"))
+    version: Mapped[str]
+    verdict: Mapped[str]
+    reasons: Mapped[list[Any] | None]
+    document: Mapped[bytes]
+    added_at: Mapped[str]
+
+
+class CellRow(Base):
+    """A cell of a result; each reason is its kind and its sentence."""
+
+    __tablename__ = "cells"
+    __table_args__ = ({"sqlite_with_rowid": False},)
+    result_id: Mapped[int] = mapped_column(ForeignKey("results.id"), primary_key=True)
+    place: Mapped[int] = mapped_column(primary_key=True)
+    position_m: Mapped[float]
+    condition: Mapped[str]
+    motion: Mapped[int]
+    frequency_Hz: Mapped[float | None]  # noqa: N815
+    standard_uncertainty_Hz: Mapped[float | None]  # noqa: N815
+    verdict: Mapped[str]
+    reasons: Mapped[list[Any] | None]
+
+
+class Conflict(Checked, Base):
+    """A result that was refused because another of the same run, method and settings was there."""
+
+    __tablename__ = "conflicts"
+    digest: Mapped[str] = mapped_column(primary_key=True)
+    run: Mapped[str]
+    document: Mapped[bytes]
+    received_at: Mapped[str]
+
+
+class EventRow(Checked, Base):
+    """An event on an axis; ``time`` is ``at`` in seconds since 1970."""
+
+    __tablename__ = "events"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    digest: Mapped[str] = mapped_column(unique=True)
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"), index=True)
+    at: Mapped[str]
+    time: Mapped[float]
+    kind: Mapped[str]
+    text: Mapped[str]
+    added_at: Mapped[str]
+
+
+class Exclusion(Checked, Base):
+    """A run or an event that does not count, from when until when, and why."""
+
+    __tablename__ = "exclusions"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    run_id: Mapped[int | None] = mapped_column(ForeignKey("runs.id"), index=True)
+    event_id: Mapped[int | None] = mapped_column(ForeignKey("events.id"), index=True)
+    reason: Mapped[str]
+    actor: Mapped[str]
+    begun_at: Mapped[str]
+    ended_at: Mapped[str | None]
+
+
+class Correction(Checked, Base):
+    """A value that was corrected: the old one is kept."""
+
+    __tablename__ = "corrections"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    subject: Mapped[str]
+    field: Mapped[str]
+    old: Mapped[str | None]
+    new: Mapped[str | None]
+    reason: Mapped[str]
+    actor: Mapped[str]
+    at: Mapped[str]
+
+
+class EpochRow(Checked, Base):
+    """An epoch by the newest assessment, with the coefficients of its chart."""
+
+    __tablename__ = "epochs"
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"), primary_key=True)
+    number: Mapped[int] = mapped_column(primary_key=True)
+    begins: Mapped[str | None]
+    ends: Mapped[str | None]
+    cause: Mapped[str]
+    reference: Mapped[str | None]
+    alarm_at: Mapped[str | None]
+    coefficients: Mapped[list[Any] | None]
+    covariance: Mapped[list[Any] | None]
+    scale: Mapped[float | None]
+    share_uncertainty: Mapped[float]
+
+
+class StateRow(Checked, Base):
+    """A run in its history: level and design as measured, statistics and state.
+
+    What is relative to the baseline is computed when it is read, from these and the row of the epoch.
+    """
+
+    __tablename__ = "states"
+    __table_args__ = (
+        ForeignKeyConstraint(["axis_id", "epoch"], ["epochs.axis_id", "epochs.number"]),
+        Index("ix_states_axis_time", "axis_id", "time"),
+    )
+    run_id: Mapped[int] = mapped_column(ForeignKey("runs.id"), primary_key=True)
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"))
+    time: Mapped[float]
+    epoch: Mapped[int]
+    state: Mapped[str]
+    verdict: Mapped[str]
+    level: Mapped[float | None]
+    random: Mapped[float | None]
+    systematic: Mapped[float | None]
+    unknown_temperature: Mapped[float | None]
+    design: Mapped[list[Any] | None]
+    ramp: Mapped[float | None]
+    ramp_limit: Mapped[float | None]
+    odds: Mapped[float | None]
+    odds_limit: Mapped[float | None]
+    nut: Mapped[list[Any] | None]
+    reasons: Mapped[list[Any] | None]
+
+
+class Alarm(Checked, Base):
+    """An alarm that was raised; one that no longer follows from the runs is retracted, never deleted."""
+
+    __tablename__ = "alarms"
+    __table_args__ = (UniqueConstraint("axis_id", "epoch", "began_at"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"))
+    epoch: Mapped[int]
+    began_at: Mapped[str]
+    raised_at: Mapped[str]
+    retracted_at: Mapped[str | None]
+
+
+class Assessment(Checked, Base):
+    """State of an axis and forecast of its remaining life, by stated runs, model, events and settings."""
+
+    __tablename__ = "assessments"
+    __table_args__ = (UniqueConstraint("axis_id", "inputs"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"))
+    inputs: Mapped[str]
+    made_at: Mapped[str]
+    version: Mapped[str]
+    method_id: Mapped[int] = mapped_column(ForeignKey("methods.id"))
+    model_digest: Mapped[str] = mapped_column(ForeignKey("models.digest"))
+    settings: Mapped[dict[str, Any]]
+    runs: Mapped[int]
+    newest_at: Mapped[str]
+    state: Mapped[str]
+    urgency: Mapped[str]
+    verdict: Mapped[str]
+    alarm_at: Mapped[str | None]
+    stiffness: Mapped[list[Any] | None]
+    rul_days: Mapped[dict[str, Any]]
+    reasons: Mapped[list[Any] | None]
+
+
+class Audit(Checked, Base):
+    """What was done to the store, when, by whom."""
+
+    __tablename__ = "audit"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    at: Mapped[str]
+    actor: Mapped[str]
+    action: Mapped[str]
+    subject: Mapped[str]
+    detail: Mapped[dict[str, Any]]
