@@ -170,10 +170,12 @@ def monitor(
         ),
     ],
     model: Annotated[
-        Path | None, option("Model of this axis, written by calibrate; required without --store.", "MODEL.json")
+        Path | None,
+        option("Model of this axis, written by calibrate; required without --store.", "MODEL.json"),
     ] = None,
     store: Annotated[
-        Path | None, option("Store with the runs, events and model of the axis, which keeps the result.", "DIR")
+        Path | None,
+        option("Store with the runs, events and model of the axis, which keeps the result.", "DIR"),
     ] = None,
     events: Events = None,
     false_alarms: FalseAlarms = 0.1,

@@ -16,7 +16,15 @@ from ballscrew.base.errors import ALARM, DONE, UNASSESSED, WATCH, InputError
 from ballscrew.base.result import check_export
 from ballscrew.base.words import form, plural, without_repeats
 from ballscrew.calibration.modelfile import read_model
-from ballscrew.cli.output import TIME_WIDTH, check_outputs, console, parse_option, print_json, report_quality
+from ballscrew.cli.output import (
+    STATE_STYLE,
+    TIME_WIDTH,
+    check_outputs,
+    console,
+    parse_option,
+    print_json,
+    report_quality,
+)
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import read_events
@@ -27,14 +35,6 @@ from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.report.canvas import check_target, save_figure
 from ballscrew.report.monitor_words import advice, headline
 
-STATE_STYLE = {
-    "learning": "cyan",
-    "normal": "green",
-    "watch": "yellow",
-    "alarm": "bold red",
-    "unloaded": "bold red",
-    "suspect": "bright_black",
-}
 _SHOWN_RUNS = 30  # newest runs in the table
 _WHOLE = 100  # from which on an evidence is printed without a decimal
 _SUSPECT_RUNS = 5  # reasons of suspect runs that are printed
@@ -88,9 +88,17 @@ def monitor_command(  # noqa: PLR0913  as many as options
     stated = parse_duty(duty)
     if store is not None:
         if model is not None or events is not None or len(given) != 1:
-            raise InputError("with --store, give the name of one axis; its model and events are in the store.")
+            raise InputError(
+                "with --store, give the name of one axis; its model and events are in the store."
+            )
         monitored, runs = _monitor_stored(
-            store, given[0], settings=settings, failure=failure, largest_load=force, duty=stated, accept=accept
+            store,
+            given[0],
+            settings=settings,
+            failure=failure,
+            largest_load=force,
+            duty=stated,
+            accept=accept,
         )
     else:
         if model is None:
@@ -124,8 +132,9 @@ def monitor_command(  # noqa: PLR0913  as many as options
 def _monitor_stored(store: Path, axis: str, **stated: Any) -> tuple[Monitored, Sequence[Run]]:
     """Monitor an axis by a store; sentences about runs that are no part of the history on standard error."""
     from ballscrew.cli.store import open_store
+    from ballscrew.store.assessing import monitor_axis
 
-    assessed = open_store(store).monitor(axis, **stated)
+    assessed = monitor_axis(open_store(store), axis, **stated)
     for note in assessed.notes:
         sys.stderr.write(f"ballscrew: {note}\n")
     return assessed.monitored, assessed.runs

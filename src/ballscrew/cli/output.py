@@ -31,6 +31,14 @@ from ballscrew.recording.quality.finding import Quality
 TIME_WIDTH = 16  # characters of a run's time, to the minute
 _ID_LENGTH = 12  # characters of a run's id in messages
 _ID = re.compile(rf"[0-9a-f]{{{_ID_LENGTH}}}")
+STATE_STYLE = {
+    "learning": "cyan",
+    "normal": "green",
+    "watch": "yellow",
+    "alarm": "bold red",
+    "unloaded": "bold red",
+    "suspect": "bright_black",
+}
 VERDICT_STYLE = {"good": "green", "suspect": "yellow", "refused": "red", "bad": "red"}
 
 

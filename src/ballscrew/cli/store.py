@@ -12,17 +12,16 @@ from rich.table import Table
 
 from ballscrew.base.errors import DONE, InputError, printable
 from ballscrew.base.jsonfile import SCHEMA
-from ballscrew.cli.monitor import STATE_STYLE
-from ballscrew.cli.output import TIME_WIDTH, console, print_json, progress_bar
+from ballscrew.cli.output import STATE_STYLE, TIME_WIDTH, console, print_json, progress_bar
 
 if TYPE_CHECKING:
     from ballscrew.store.adding import Added
-    from ballscrew.store.store import Store
+    from ballscrew.store.opened import OpenStore
 
 _SHOWN_RUNS = 30  # newest runs in the table
 
 
-def open_store(path: Path | None) -> Store:
+def open_store(path: Path | None) -> OpenStore:
     """The store of ``--store``.
 
     Raises
@@ -30,18 +29,18 @@ def open_store(path: Path | None) -> Store:
     InputError
         If none is given, or it is none.
     """
-    from ballscrew.store.store import Store
+    from ballscrew.store.opened import OpenStore
 
     if path is None:
         raise InputError("no store is given: give its folder (--store DIR), or set BALLSCREW_STORE.")
-    return Store(path)
+    return OpenStore(path)
 
 
 def init_store(path: Path, database: str | None, *, as_json: bool) -> int:
     """Create a store."""
-    from ballscrew.store.store import Store
+    from ballscrew.store.opened import create_store
 
-    store = Store.init(path, database=database)
+    store = create_store(path, database=database)
     if as_json:
         print_json({"schema": SCHEMA, "store": str(store.path)})
     else:
@@ -50,7 +49,7 @@ def init_store(path: Path, database: str | None, *, as_json: bool) -> int:
 
 
 def add_files(
-    store: Store,
+    store: OpenStore,
     files: Sequence[Path],
     *,
     axis: str | None,
@@ -60,14 +59,16 @@ def add_files(
     as_json: bool,
 ) -> int:
     """Add files; one that cannot be added is named and does not stop the others."""
+    from ballscrew.store.adding import add
+
     if site is not None and machine is None:
         raise InputError("a site is that of a machine; give it too (--machine).")
     added, status = [], DONE
     for path in files:
         try:
             with progress_bar(path.name) as progress:
-                found = store.add(
-                    path, axis=axis, machine=machine, site=site, method=method, progress=progress
+                found = add(
+                    store, path, axis=axis, machine=machine, site=site, method=method, progress=progress
                 )
         except InputError as error:
             if len(files) == 1:
@@ -103,9 +104,11 @@ def _print_added(path: Path, added: Added) -> None:
         screen.print(f"  • {note}", markup=False)
 
 
-def list_store(store: Store, *, as_json: bool) -> int:
+def list_store(store: OpenStore, *, as_json: bool) -> int:
     """Print the fleet."""
-    document = store.list()
+    from ballscrew.store.reading import list_axes
+
+    document = list_axes(store)
     if as_json:
         print_json(document)
         return DONE
@@ -153,9 +156,11 @@ def _life(quantiles: dict[str, float | None]) -> str:
     return f"{numbers[0]} ({numbers[1]} to {numbers[2]})"
 
 
-def show_store(store: Store, axis: str, *, as_json: bool) -> int:
+def show_store(store: OpenStore, axis: str, *, as_json: bool) -> int:
     """Print an axis with its runs, alarms, events and exclusions."""
-    document = store.show(axis)
+    from ballscrew.store.reading import show_axis
+
+    document = show_axis(store, axis)
     if as_json:
         print_json(document)
         return DONE

@@ -41,7 +41,8 @@ def add(
     files: Annotated[
         list[Path],
         typer.Argument(
-            metavar="FILES…", help="RUN.toml, RUN.json, MODEL.json, EVENTS.toml or a data sheet, in any order."
+            metavar="FILES…",
+            help="RUN.toml, RUN.json, MODEL.json, EVENTS.toml or a data sheet, in any order.",
         ),
     ],
     store: StoreFolder = None,

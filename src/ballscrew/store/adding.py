@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import zstandard
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -23,7 +21,6 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.method import method_of
 from ballscrew.calibration.modelfile import KIND, model_from_json, model_json
 from ballscrew.modal.amend import SUPERSEDES
-from ballscrew.modal.analyze import AnalysisOptions, examine
 from ballscrew.modal.job import Job, read_run
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import Event, moment, read_events
@@ -44,6 +41,8 @@ from ballscrew.store.tables import (
     ResultRow,
     RunRow,
     Source,
+    pack,
+    unpack,
 )
 
 METHOD_REVISION = 1
@@ -51,7 +50,6 @@ METHOD_REVISION = 1
 
 _LONGEST_NAME = 200  # characters of a name or an id, which are keys
 _SAME = 1e-6  # relative: the same recordings on another processor
-_LEVEL = 10  # of zstd
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,18 +191,22 @@ def add_recordings(
     InputError
         If it cannot be analysed or stored; nothing was added.
     """
+    from ballscrew.modal.analyze import AnalysisOptions, examine
+
     job = Job.of(path, None, None, None, None, None, None)
     options = AnalysisOptions(method=method)
-    hashes = []
-    for file in job.inputs_read[len(job.documents) :]:
-        hashes.append(hash_file(file))
+    recordings = job.inputs_read[len(job.documents) :]
+    hashes = list(map(hash_file, recordings))
     stated = {
-        "documents": job.inputs(), "mass_kg": job.mass, "measured_at": job.measured_at,
-        "temperature_C": job.temperature, "files": hashes,
-    }  # fmt: skip
+        "documents": job.inputs(),
+        "mass_kg": job.mass,
+        "measured_at": job.measured_at,
+        "temperature_C": job.temperature,
+        "files": hashes,
+    }
     key = digest(stated)
     with store.read() as session:
-        known = _analysed_before(session, key, options)
+        known = _analysed_before(session, key, digest(options.to_settings()))
     if known is not None:
         return known
     run = examine(job, options, progress=progress).run
@@ -212,7 +214,7 @@ def add_recordings(
     if sorted(file.sha256 for file in run.files) != sorted(hashes):
         raise InputError(f"{path}: its recordings have changed during the analysis; nothing was added.")
     texts = _document_texts(path, job)
-    by_hash = dict(zip(hashes, job.inputs_read[len(job.documents) :], strict=True))
+    by_hash = dict(zip(hashes, recordings, strict=True))
     with store.write("store add") as session:
         added = insert_run(session, run)
         if not added.conflict:
@@ -231,7 +233,7 @@ def _checked(added: Added, name: str) -> Added:
     return added
 
 
-def _analysed_before(session: Session, key: str, options: AnalysisOptions) -> Added | None:
+def _analysed_before(session: Session, key: str, settings: str) -> Added | None:
     """The run of a RUN.toml that was analysed by this method and revision; None if it was not."""
     found = session.execute(
         select(RunRow.run, Axis.name)
@@ -241,7 +243,7 @@ def _analysed_before(session: Session, key: str, options: AnalysisOptions) -> Ad
         .join(Method, Method.id == ResultRow.method_id)
         .where(
             Source.digest == key,
-            Method.settings_digest == digest(options.to_settings()),
+            Method.settings_digest == settings,
             Method.revision == METHOD_REVISION,
         )
     ).first()
@@ -289,9 +291,14 @@ def insert_run(session: Session, run: Run, revision: int = METHOD_REVISION) -> A
             return Added("run", run.id, axis.name, is_new=False)
         return _conflict(session, run, content)
     result = ResultRow(
-        run_id=row.id, method_id=method.id, version=run.made.version, verdict=run.quality.verdict,
-        reasons=list(run.quality.reasons) or None, document=content, added_at=now(),
-    )  # fmt: skip
+        run_id=row.id,
+        method_id=method.id,
+        version=run.made.version,
+        verdict=run.quality.verdict,
+        reasons=list(run.quality.reasons) or None,
+        document=content,
+        added_at=now(),
+    )
     session.add(result)
     session.flush()
     session.add_all(cell_rows(run, result.id))
@@ -315,7 +322,7 @@ def cell_rows(run: Run, result: int) -> list[CellRow]:
                 standard_uncertainty_Hz=cell.standard_uncertainty_Hz,
                 verdict=cell.verdict,
                 reasons=reasons or None,
-            )  # fmt: skip
+            )
         )
     return rows
 
@@ -325,9 +332,15 @@ def _insert_run_row(session: Session, run: Run, axis: Axis) -> RunRow:
     if run.measured_at is not None:
         time = moment(run.measured_at, f"{run.name}: measured_at").timestamp()
     row = RunRow(
-        run=run.id, axis_id=axis.id, measured_at=run.measured_at, time=time, mass_kg=run.mass_kg,
-        temperature_C=run.temperature_C, supersedes=run.made.inputs.get(SUPERSEDES), received_at=now(),
-    )  # fmt: skip
+        run=run.id,
+        axis_id=axis.id,
+        measured_at=run.measured_at,
+        time=time,
+        mass_kg=run.mass_kg,
+        temperature_C=run.temperature_C,
+        supersedes=run.made.inputs.get(SUPERSEDES),
+        received_at=now(),
+    )
     session.add(row)
     session.flush()
     for place, file in enumerate(run.files):
@@ -389,7 +402,7 @@ def _keep_file(session: Session, store: OpenStore, sha256: str, path: Path) -> N
             compression=stored.compression,
             archived_to=None,
             added_at=now(),
-        )  # fmt: skip
+        )
     )
 
 
@@ -488,7 +501,7 @@ def add_events(store: OpenStore, events: tuple[Event, ...], axis: str) -> Added:
                         kind=event.kind,
                         text=event.text,
                         added_at=now(),
-                    )  # fmt: skip
+                    )
                 )
                 session.flush()
                 record(session, "add", f"event {key}", axis=axis, at=event.at, kind=event.kind)
@@ -569,17 +582,3 @@ def check_key(what: str, value: str) -> None:
     """Check that a text is short enough for a key."""
     if len(value) > _LONGEST_NAME:
         raise InputError(f"{what} has {len(value)} characters; it must have {_LONGEST_NAME} at most.")
-
-
-def pack(document: Any) -> bytes:
-    """A document as canonical JSON, compressed."""
-    text = json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return zstandard.ZstdCompressor(level=_LEVEL).compress(text.encode())
-
-
-def unpack(content: bytes) -> Any:
-    """Document of :func:`pack`."""
-    try:
-        return json.loads(zstandard.ZstdDecompressor().decompress(content))
-    except (zstandard.ZstdError, ValueError):
-        raise InputError("a document in the store cannot be read: the database is damaged.") from None

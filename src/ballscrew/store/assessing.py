@@ -24,8 +24,8 @@ from ballscrew.prognosis.duty import DutyRecord
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.store.folder import now
+from ballscrew.store.histories import StoredHistory, read_stored_history
 from ballscrew.store.opened import OpenStore, record
-from ballscrew.store.reading import StoredHistory, read_stored_history
 from ballscrew.store.tables import Alarm, Assessment, Axis, EpochRow, StateRow
 
 _ATTEMPTS = 5  # runs may be added meanwhile
@@ -84,16 +84,25 @@ def monitor_axis(
     """
     settings = settings or MonitorSettings()
     stated = {
-        "settings": asdict(settings), "failure": asdict(failure or Failure()), "largest_load": largest_load,
-        "duty": repr(duty), "accept": sorted(set(accept)),
-    }  # fmt: skip
+        "settings": asdict(settings),
+        "failure": asdict(failure or Failure()),
+        "largest_load": largest_load,
+        "duty": repr(duty),
+        "accept": sorted(set(accept)),
+    }
     for _ in range(_ATTEMPTS):
         with store.read() as session:
             history = read_stored_history(session, axis)
         monitored = monitor(
-            history.runs, history.model, events=history.events, settings=settings, failure=failure,
-            largest_load=largest_load, duty=duty, accept=accept,
-        )  # fmt: skip
+            history.runs,
+            history.model,
+            events=history.events,
+            settings=settings,
+            failure=failure,
+            largest_load=largest_load,
+            duty=duty,
+            accept=accept,
+        )
         with store.write("monitor --store") as session:
             inputs = _inputs(history, stated)
             if _inputs(read_stored_history(session, axis), stated) == inputs:
@@ -183,10 +192,18 @@ def _epoch_rows(state: HealthState, axis: int) -> list[EpochRow]:
     rows = []
     for epoch, chart in zip(state.epochs, state.charts, strict=True):
         row = EpochRow(
-            axis_id=axis, number=epoch.number, begins=epoch.begins, ends=epoch.ends, cause=epoch.cause,
-            reference=epoch.reference, alarm_at=epoch.alarm_at, coefficients=None, covariance=None,
-            scale=None, share_uncertainty=state.scale_uncertainty,
-        )  # fmt: skip
+            axis_id=axis,
+            number=epoch.number,
+            begins=epoch.begins,
+            ends=epoch.ends,
+            cause=epoch.cause,
+            reference=epoch.reference,
+            alarm_at=epoch.alarm_at,
+            coefficients=None,
+            covariance=None,
+            scale=None,
+            share_uncertainty=state.scale_uncertainty,
+        )
         if chart is not None:
             row.coefficients = chart.coefficients.tolist()
             row.covariance = chart.covariance.tolist()
@@ -202,14 +219,24 @@ def _state_rows(state: HealthState, axis: int, numbers: dict[str, int]) -> list[
     for run in state.runs:
         reading = run.reading
         row = StateRow(
-            run_id=numbers[reading.run], axis_id=axis, epoch=reading.epoch,
-            time=moment(reading.measured_at, "a run").timestamp(), state=run.state, verdict=reading.verdict,
-            level=_finite(reading.level), random=_finite(reading.random),
-            systematic=_finite(reading.systematic), unknown_temperature=None, design=None,
-            ramp=_finite(run.ramp), ramp_limit=_finite(run.ramp_limit), odds=_finite(run.odds),
-            odds_limit=_finite(run.odds_limit), nut=_numbers(run.relative),
+            run_id=numbers[reading.run],
+            axis_id=axis,
+            epoch=reading.epoch,
+            time=moment(reading.measured_at, "a run").timestamp(),
+            state=run.state,
+            verdict=reading.verdict,
+            level=_finite(reading.level),
+            random=_finite(reading.random),
+            systematic=_finite(reading.systematic),
+            unknown_temperature=None,
+            design=None,
+            ramp=_finite(run.ramp),
+            ramp_limit=_finite(run.ramp_limit),
+            odds=_finite(run.odds),
+            odds_limit=_finite(run.odds_limit),
+            nut=_numbers(run.relative),
             reasons=list(reading.reasons) or None,
-        )  # fmt: skip
+        )
         chart = state.charts[reading.epoch]
         if chart is not None and reading.verdict == "good":
             _set_design(row, run, chart, charted[reading.epoch])

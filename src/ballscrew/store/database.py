@@ -8,7 +8,6 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.engine import URL, make_url
@@ -175,5 +174,4 @@ def schema_of(connection: Connection) -> str | None:
         exists = "SELECT count(*) FROM pg_tables WHERE tablename = 'alembic_version'"
     if not connection.execute(text(exists)).scalar():
         return None
-    found: Any = connection.execute(text("SELECT version_num FROM alembic_version")).scalar()
-    return found
+    return str(connection.execute(text("SELECT version_num FROM alembic_version")).scalar())

@@ -55,7 +55,7 @@ def upgrade(connection: Connection, where: object, *, new: bool = False, target:
 def migrate(path: str | Path) -> str:
     """Migrate a store to the schema of this version.
 
-    SQLite: on a copy, which is checked and then takes the place of the database. PostgreSQL: in a transaction.
+    SQLite: on a copy, which is checked and then replaces the database. PostgreSQL: in a transaction.
 
     Parameters
     ----------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -115,8 +116,47 @@ def _copy(stream: BinaryIO, target: BinaryIO) -> tuple[str, int, str]:
         (writer or target).write(block)
         block = stream.read(_BLOCK)
     if writer is not None:
-        writer.close()
+        writer.close()  # type: ignore[no-untyped-call]
     return digest.hexdigest(), size, compression
+
+
+def clone_file(source: Path, folder: Path, sha256: str, compression: str) -> None:
+    """Copy a stored file as it is into another folder of raw files, durably, and verify its content.
+
+    Parameters
+    ----------
+    source : Path
+        The stored file.
+    folder : Path
+        The other folder.
+    sha256, compression : str
+        As it was stored.
+
+    Raises
+    ------
+    InputError
+        If its content is not that of its hash, or it cannot be copied.
+    """
+    final = path_of(folder, sha256, compression)
+    handle, name = -1, ""
+    try:
+        final.parent.mkdir(parents=True, exist_ok=True)
+        with open_regular(source) as stream:
+            handle, name = tempfile.mkstemp(prefix=INCOMING, dir=folder)
+            with os.fdopen(handle, "wb") as target:
+                shutil.copyfileobj(stream, target, _BLOCK)
+                target.flush()
+                os.fsync(target.fileno())
+        if hash_of(Path(name), compression) != sha256:
+            raise InputError(f"{source}: the content is not that of its hash: it is damaged.")
+        Path(name).replace(final)
+        sync_folder(final.parent)
+        sync_folder(folder)
+    except OSError as error:
+        raise InputError(f"{source}: cannot be copied ({error.strerror or error}).") from None
+    finally:
+        if name:
+            Path(name).unlink(missing_ok=True)
 
 
 def read_blocks(path: Path, compression: str) -> Iterator[bytes]:

@@ -1,10 +1,9 @@
-"""What the store contains: the fleet, an axis with its trend, and the runs, events and model of its history."""
+"""What the store contains: the fleet, and an axis with its trend."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,11 +13,6 @@ from sqlalchemy.orm import Session
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.quantity import NORMAL_95
-from ballscrew.calibration.calibrated_axis import CalibratedAxis
-from ballscrew.calibration.modelfile import model_from_json
-from ballscrew.modal.run import Run
-from ballscrew.monitoring.epochs import Event
-from ballscrew.store.adding import unpack
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.tables import (
     Alarm,
@@ -115,100 +109,6 @@ def find_model(session: Session, axis: Axis) -> Model:
     return rows[0]
 
 
-@dataclass(frozen=True)
-class StoredHistory:
-    """What the history of an axis is made from.
-
-    Parameters
-    ----------
-    axis : Axis
-        Its row.
-    method : Method
-        Of the results.
-    model_digest : str
-        Digest of the model.
-    model : CalibratedAxis
-        The model.
-    runs : tuple of Run
-        In time order, without excluded, corrected and untimed ones.
-    rows : dict of str to int
-        Number of each of their rows, by id.
-    events : tuple of Event
-        By time, without excluded ones.
-    missing : int
-        Runs without a result by the method.
-    untimed : int
-        Runs without a time.
-    """
-
-    axis: Axis
-    method: Method
-    model_digest: str
-    model: CalibratedAxis
-    runs: tuple[Run, ...]
-    rows: dict[str, int]
-    events: tuple[Event, ...]
-    missing: int
-    untimed: int
-
-
-def read_stored_history(session: Session, name: str) -> StoredHistory:
-    """Read what the history of an axis is made from.
-
-    Parameters
-    ----------
-    session : Session
-        Reading.
-    name : str
-        Name of the axis.
-
-    Returns
-    -------
-    StoredHistory
-        It does not depend on the order in which its parts were added.
-
-    Raises
-    ------
-    InputError
-        If there is no such axis, or it has no model or no run.
-    """
-    axis = find_axis(session, name)
-    model = find_model(session, axis)
-    method = find_method(session, axis)
-    current = current_rows(session, axis)
-    timed = [row for row in current if row.time is not None]
-    runs, rows = [], {}
-    if method is not None:
-        documents = result_documents(session, axis, method)
-        for row in timed:
-            if row.id in documents:
-                runs.append(Run.from_json(unpack(documents[row.id]), f"run {row.run[:12]}"))
-                rows[row.run] = row.id
-    if method is None or not runs:
-        raise InputError(f"the store has no run of the axis {shown(name)} with a time.")
-    return StoredHistory(
-        axis=axis,
-        method=method,
-        model_digest=model.digest,
-        model=model_from_json(unpack(model.document), f"model {model.digest[:12]}"),
-        runs=tuple(runs),
-        rows=rows,
-        events=current_events(session, axis),
-        missing=len(timed) - len(runs),
-        untimed=len(current) - len(timed),
-    )
-
-
-def result_documents(session: Session, axis: Axis, method: Method) -> dict[int, bytes]:
-    """RUN.json, packed, of each run of an axis by a method."""
-    found = session.execute(
-        select(ResultRow.run_id, ResultRow.document)
-        .join(RunRow, RunRow.id == ResultRow.run_id)
-        .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
-    )
-    return dict(found.tuples().all())
-
-
 def current_rows(session: Session, axis: Axis) -> list[RunRow]:
     """Runs of an axis in time order, without those that were corrected or excluded."""
     order = (RunRow.time, RunRow.run)
@@ -222,10 +122,11 @@ def current_rows(session: Session, axis: Axis) -> list[RunRow]:
     )
     former = {row.run: row.supersedes for row in rows}
     superseded = set(former.values())
-    current = []
+    current: list[RunRow] = []
     for row in rows:
-        if row.run not in superseded and not excluded.intersection(_versions(row.run, former)):
-            current.append(row)
+        # An exclusion of any version of a run is one of the run.
+        counts = row.run not in superseded and not excluded.intersection(_versions(row.run, former))
+        current += [row] * counts
     return current
 
 
@@ -239,15 +140,12 @@ def _versions(run: str, former: Mapping[str, str | None]) -> Iterable[str]:
     return found
 
 
-def current_events(session: Session, axis: Axis) -> tuple[Event, ...]:
-    """Events on an axis by time, without excluded ones."""
-    excluded = select(Exclusion.event_id).where(Exclusion.event_id.is_not(None), Exclusion.ended_at.is_(None))
-    rows = session.scalars(
-        select(EventRow)
-        .where(EventRow.axis_id == axis.id, EventRow.id.not_in(excluded))
-        .order_by(EventRow.time, EventRow.digest)
-    )
-    return tuple(Event(row.at, row.kind, row.text) for row in rows)
+def run_versions(session: Session, row: RunRow) -> list[int]:
+    """Numbers of a run and of all its corrections, earlier and later."""
+    rows = session.scalars(select(RunRow).where(RunRow.axis_id == row.axis_id)).all()
+    former = {each.run: each.supersedes for each in rows}
+    first = list(_versions(row.run, former))[-1]
+    return [each.id for each in rows if first in _versions(each.run, former)]
 
 
 def list_axes(store: OpenStore) -> dict[str, Any]:
@@ -365,15 +263,13 @@ def _runs_document(
     """Every run of an axis in time order, with what is known of it."""
     verdicts: dict[int, str] = {}
     if method is not None:
-        verdicts = dict(
-            session.execute(
-                select(ResultRow.run_id, ResultRow.verdict)
-                .join(RunRow, RunRow.id == ResultRow.run_id)
-                .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
-            )
-            .tuples()
-            .all()
+        results = (
+            select(ResultRow.run_id, ResultRow.verdict)
+            .join(RunRow, RunRow.id == ResultRow.run_id)
+            .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
         )
+        for number, verdict in session.execute(results):
+            verdicts[number] = verdict
     rows = session.scalars(select(RunRow).where(RunRow.axis_id == axis.id).order_by(RunRow.time, RunRow.run))
     runs = []
     for row in rows:
@@ -396,15 +292,22 @@ def trend(session: Session, axis: Axis) -> dict[int, dict[str, Any]]:
     Returns
     -------
     dict of int to dict
-        By the number of the run's row, in time order: state and, as value and 95 % interval, stiffness and nut.
+        By the number of the run's row: state and, as value and 95 % interval, stiffness and nut.
     """
     epochs = {}
     for epoch in session.scalars(select(EpochRow).where(EpochRow.axis_id == axis.id)):
         epochs[epoch.number] = epoch
     columns = (
-        StateRow.run_id, StateRow.epoch, StateRow.state, StateRow.nut, StateRow.level, StateRow.random,
-        StateRow.systematic, StateRow.unknown_temperature, StateRow.design,
-    )  # fmt: skip
+        StateRow.run_id,
+        StateRow.epoch,
+        StateRow.state,
+        StateRow.nut,
+        StateRow.level,
+        StateRow.random,
+        StateRow.systematic,
+        StateRow.unknown_temperature,
+        StateRow.design,
+    )
     found = session.execute(
         select(*columns).where(StateRow.axis_id == axis.id).order_by(StateRow.time, StateRow.run_id)
     ).all()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ballscrew.store import adding, assessing, opened, reading
+from ballscrew.store import adding, assessing, changing, checking, copying, migrating, opened, reading
 
 
 class Store(opened.OpenStore):
@@ -30,3 +30,13 @@ class Store(opened.OpenStore):
     list = reading.list_axes
     show = reading.show_axis
     monitor = assessing.monitor_axis
+    correct = changing.correct_run
+    choose_model = changing.choose_model
+    exclude = changing.exclude
+    archive = copying.archive
+    export = copying.export
+    backup = copying.backup
+    restore = staticmethod(copying.restore)
+    verify = staticmethod(checking.verify)
+    gc = checking.gc
+    migrate = staticmethod(migrating.migrate)

@@ -10,6 +10,7 @@ import hashlib
 import json
 from typing import Any, ClassVar
 
+import zstandard
 from sqlalchemy import (
     JSON,
     BigInteger,
@@ -28,11 +29,15 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, Mapper, mapped_column
 
+from ballscrew.base.errors import InputError
+
 SCHEMA = "0001"
 """Newest version of the schema, as Alembic has it."""
 
 SCHEMAS = (SCHEMA,)
 """All of them, by age."""
+
+_LEVEL = 10  # of zstd
 
 
 class Base(DeclarativeBase):
@@ -77,7 +82,7 @@ def checksum_of(row: Checked) -> int:
         Of 64 bits, with sign.
     """
     values = {}
-    for column in inspect(type(row)).columns:  # type: ignore[union-attr]
+    for column in inspect(type(row)).columns:
         if column.name not in ("id", "checksum"):
             value = getattr(row, column.key)
             values[column.name] = value.hex() if isinstance(value, bytes) else value
@@ -369,3 +374,17 @@ class Audit(Checked, Base):
     action: Mapped[str]
     subject: Mapped[str]
     detail: Mapped[dict[str, Any]]
+
+
+def pack(document: Any) -> bytes:
+    """A document as canonical JSON, compressed."""
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return zstandard.ZstdCompressor(level=_LEVEL).compress(text.encode())
+
+
+def unpack(content: bytes) -> Any:
+    """Document of :func:`pack`."""
+    try:
+        return json.loads(zstandard.ZstdDecompressor().decompress(content))
+    except (zstandard.ZstdError, ValueError):
+        raise InputError("a document in the store cannot be read: the database is damaged.") from None

@@ -1,0 +1,233 @@
+"""Corrections and exclusions: the old values stay, with reason, time and author."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from ballscrew.axis.sheet_file import read_axis
+from ballscrew.base.errors import InputError, shown
+from ballscrew.fcft.plan import read_plan
+from ballscrew.modal.amend import amend
+from ballscrew.modal.run import Run
+from ballscrew.store.adding import insert_run
+from ballscrew.store.folder import actor, now
+from ballscrew.store.opened import OpenStore, record
+from ballscrew.store.reading import find_axis, find_run, run_versions
+from ballscrew.store.tables import (
+    Correction,
+    Document,
+    EventRow,
+    Exclusion,
+    Method,
+    Model,
+    ResultRow,
+    RunRow,
+    unpack,
+)
+
+
+def correct_run(
+    store: OpenStore,
+    run: str,
+    *,
+    measured_at: str | None = None,
+    mass: str | float | None = None,
+    reason: str = "",
+) -> str:
+    """Correct the time or the load of a run; the run as it was stays in the store.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+    run : str
+        Id of the run, or its beginning.
+    measured_at, mass
+        As for :func:`ballscrew.amend`; data sheet and plan are those in the store.
+    reason : str
+        Why.
+
+    Returns
+    -------
+    str
+        Id of the corrected run.
+
+    Raises
+    ------
+    InputError
+        If there is no such run, it was corrected already, or as :func:`ballscrew.amend` raises.
+    """
+    with store.write("store correct") as session:
+        row = find_run(session, run)
+        axis, plan = None, None
+        new = ""
+        results = session.execute(
+            select(ResultRow, Method)
+            .join(Method, Method.id == ResultRow.method_id)
+            .where(ResultRow.run_id == row.id)
+            .order_by(ResultRow.id)
+        ).all()
+        for result, method in results:
+            former = Run.from_json(unpack(result.document), f"run {row.run[:12]}")
+            if mass is not None:
+                axis = _document(session, former, "axis", read_axis)
+                plan = _document(session, former, "plan", read_plan)
+            corrected = amend(former, measured_at=measured_at, mass=mass, axis=axis, plan=plan)
+            new = corrected.id
+            _check_not_corrected(session, row, new)
+            insert_run(session, corrected, method.revision)
+        if session.scalar(select(Correction.id).where(Correction.subject == new)) is None:
+            _record_corrections(session, row, new, reason)
+    return new
+
+
+def _check_not_corrected(session: Session, row: RunRow, new: str) -> None:
+    """Check that a run has no other correction."""
+    later = session.scalar(select(RunRow).where(RunRow.supersedes == row.run, RunRow.run != new))
+    if later is not None:
+        raise InputError(
+            f"the run {shown(row.run[:12])} was corrected already; correct the run {shown(later.run[:12])}."
+        )
+
+
+def _document(session: Session, run: Run, kind: str, read: Callable[[Path], Any]) -> Any:
+    """Data sheet or plan of a run's analysis; None if it had none."""
+    key = run.made.inputs.get(kind)
+    if key is None:
+        return None
+    row = session.get(Document, key)
+    if row is None:
+        what = "data sheet" if kind == "axis" else kind
+        raise InputError(f"the store does not have the {what} of the run; add it with its RUN.toml.")
+    with tempfile.TemporaryDirectory(prefix="ballscrew-") as folder:
+        path = Path(folder) / f"{kind}.toml"
+        path.write_text(row.text, encoding="utf-8")
+        return read(path)
+
+
+def _record_corrections(session: Session, former: RunRow, new: str, reason: str) -> None:
+    """Rows of the values that differ between a run and its correction."""
+    row = session.scalars(select(RunRow).where(RunRow.run == new)).one()
+    changed: dict[str, Any] = {}
+    for field in ("measured_at", "mass_kg"):
+        old, value = getattr(former, field), getattr(row, field)
+        if old != value:
+            changed[field] = value
+            session.add(
+                Correction(
+                    subject=new,
+                    field=field,
+                    old=None if old is None else str(old),
+                    new=str(value),
+                    reason=reason,
+                    actor=actor(),
+                    at=now(),
+                )
+            )
+    record(session, "correct", f"run {former.run}", new_run=new, reason=reason, **changed)
+
+
+def choose_model(store: OpenStore, axis: str, model: str, *, reason: str = "") -> str:
+    """Choose the model of an axis.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+    axis : str
+        Name of the axis.
+    model : str
+        Digest of the model, or its beginning.
+    reason : str
+        Why.
+
+    Returns
+    -------
+    str
+        Its digest.
+
+    Raises
+    ------
+    InputError
+        If there is no such axis, or not one model of it with this digest.
+    """
+    with store.write("store correct") as session:
+        row = find_axis(session, axis)
+        matches = Model.digest.startswith(model, autoescape=True)
+        found = session.scalars(select(Model.digest).where(Model.axis_id == row.id, matches)).all()
+        if len(found) != 1:
+            raise InputError(
+                f"{len(found)} models of the axis {shown(axis)} begin with {shown(model)}; give one."
+            )
+        if row.model_digest != found[0]:
+            session.add(
+                Correction(
+                    subject=f"axis {axis}",
+                    field="model",
+                    old=row.model_digest,
+                    new=found[0],
+                    reason=reason,
+                    actor=actor(),
+                    at=now(),
+                )
+            )
+            row.model_digest = found[0]
+            record(session, "correct", f"axis {axis}", model=found[0], reason=reason)
+        return found[0]
+
+
+def exclude(store: OpenStore, subject: str, *, reason: str = "", undo: bool = False) -> str:
+    """Exclude a run or an event from the history, or include it again; it stays in the store.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+    subject : str
+        Id of a run or of an event, or its beginning.
+    reason : str
+        Why; needed for an exclusion.
+    undo : bool
+        Whether it counts again.
+
+    Returns
+    -------
+    str
+        Its id.
+
+    Raises
+    ------
+    InputError
+        If there is no such run or event, or no reason.
+    """
+    if not undo and not reason.strip():
+        raise InputError("an exclusion needs a reason (--reason).")
+    with store.write("store exclude") as session:
+        events = session.scalars(
+            select(EventRow).where(EventRow.digest.startswith(subject, autoescape=True)).limit(2)
+        ).all()
+        if subject and len(events) == 1:
+            name, ids = events[0].digest, [events[0].id]
+            standing = Exclusion.event_id.in_(ids)
+            row = Exclusion(event_id=events[0].id)
+        else:
+            run = find_run(session, subject)
+            name = run.run
+            standing = Exclusion.run_id.in_(run_versions(session, run))
+            row = Exclusion(run_id=run.id)
+        found = session.scalars(select(Exclusion).where(standing, Exclusion.ended_at.is_(None))).all()
+        if undo:
+            for exclusion in found:
+                exclusion.ended_at = now()
+        elif not found:
+            row.reason, row.actor, row.begun_at = reason, actor(), now()
+            session.add(row)
+        if undo == bool(found):
+            record(session, "include" if undo else "exclude", name, reason=reason)
+    return name

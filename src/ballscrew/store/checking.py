@@ -1,0 +1,227 @@
+"""Verification of a store against its hashes, and removal of files that no row refers to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import inspect, select
+from sqlalchemy.orm import Session
+
+from ballscrew.base.errors import InputError
+from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.modal.run import Run
+from ballscrew.store.adding import cell_rows
+from ballscrew.store.folder import DataFolder
+from ballscrew.store.migrating import sqlite_faults
+from ballscrew.store.opened import OpenStore, record
+from ballscrew.store.raw_files import hash_of, path_of
+from ballscrew.store.tables import (
+    Axis,
+    Base,
+    CellRow,
+    Checked,
+    RawFile,
+    RecordingRow,
+    ResultRow,
+    RunRow,
+    checksum_of,
+    unpack,
+)
+
+_BATCH = 500  # rows in memory
+_MOST = 1000  # faults that are reported
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """Result of :func:`verify`.
+
+    Parameters
+    ----------
+    faults : tuple of str
+        What is damaged or missing, a sentence each; the store is then only read.
+    files, rows : int
+        Raw files and rows that were verified.
+    orphans : tuple of str
+        Files that no row refers to, which ``gc`` removes.
+    """
+
+    faults: tuple[str, ...]
+    files: int
+    rows: int
+    orphans: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Document of ``store verify --json``."""
+        return {
+            "schema": SCHEMA,
+            "faults": list(self.faults),
+            "files": self.files,
+            "rows": self.rows,
+            "orphans": list(self.orphans),
+        }
+
+
+def verify(path: str | Path) -> Verification:
+    """Read every file and row of a store back, and compare it with its hash.
+
+    A store with a fault is only read from then on, until a verification finds none.
+
+    Parameters
+    ----------
+    path : path-like
+        Data folder of the store.
+
+    Returns
+    -------
+    Verification
+        Its faults.
+
+    Raises
+    ------
+    InputError
+        If there is no store, or its database server cannot be reached.
+    """
+    folder = DataFolder(Path(path))
+    faults: list[str] = []
+    if folder.database_url() is None:
+        if not folder.sqlite.exists():
+            faults.append("database: store.sqlite is missing")
+        else:
+            faults += sqlite_faults(folder.sqlite)
+    counts, orphans = [0, 0], []
+    try:
+        store = OpenStore(path)
+        with store.read() as session:
+            for fault in _row_faults(session, counts):
+                faults.append(fault)
+            for fault in _file_faults(session, folder, counts):
+                faults.append(fault)
+            orphans = [str(orphan.relative_to(folder.path)) for orphan in _orphans(session, folder)]
+    except InputError as error:
+        if not faults and "damaged" not in str(error):
+            raise
+        faults.append(str(error))
+    found = Verification(tuple(faults[:_MOST]), counts[1], counts[0], tuple(orphans))
+    with suppress(InputError):  # a folder that cannot be written needs no mark
+        folder.mark_damaged(list(found.faults))
+    return found
+
+
+def _row_faults(session: Session, counts: list[int]) -> Iterator[str]:
+    """Faults of rows: by their checksums, of a result by its RUN.json."""
+    for mapper in Base.registry.mappers:
+        if not issubclass(mapper.class_, Checked):
+            continue
+        for row in session.scalars(select(mapper.class_).execution_options(yield_per=_BATCH)):
+            counts[0] += 1
+            if row.checksum != checksum_of(row):
+                key = inspect(row).identity
+                name = mapper.class_.__name__
+                yield f"database: the row {key} of {name} is not that of its checksum"
+            session.expunge(row)
+    query = select(ResultRow, RunRow).join(RunRow, RunRow.id == ResultRow.run_id)
+    for result, run in session.execute(query.execution_options(yield_per=_BATCH)):
+        if not _has_its_rows(session, result, run):
+            yield f"database: cells or recordings of the run {run.run[:12]} are not those of its result"
+    digests = select(Axis.name, Axis.assessment_id, Axis.model_digest)
+    for name, assessment, model in session.execute(digests):
+        if not _exists(session, "assessments", "id", assessment) or not _exists(
+            session, "models", "digest", model
+        ):
+            yield f"database: the assessment or the model of the axis {name} is missing"
+
+
+def _exists(session: Session, table: str, column: str, key: Any) -> bool:
+    """Whether there is a row of a key, or no key."""
+    rows = Base.metadata.tables[table]
+    found = select(rows.c[column]).where(rows.c[column] == key)
+    return key is None or session.execute(found).first() is not None
+
+
+def _has_its_rows(session: Session, result: ResultRow, run: RunRow) -> bool:
+    """Whether cells and recordings are those of RUN.json."""
+    try:
+        document = Run.from_json(unpack(result.document))
+    except InputError:
+        return False
+    names = [column.key for column in inspect(CellRow).columns]
+    stored = session.scalars(
+        select(CellRow).where(CellRow.result_id == result.id).order_by(CellRow.place)
+    ).all()
+    made = cell_rows(document, result.id)
+    if len(stored) != len(made):
+        return False
+    for one, other in zip(stored, made, strict=True):
+        session.expunge(one)
+        if any(getattr(one, name) != getattr(other, name) for name in names):
+            return False
+    recordings = session.scalars(
+        select(RecordingRow).where(RecordingRow.run_id == run.id).order_by(RecordingRow.place)
+    ).all()
+    hashes = sorted(row.sha256 for row in recordings)
+    return document.id == run.run and hashes == sorted(file.sha256 for file in document.files)
+
+
+def _file_faults(session: Session, folder: DataFolder, counts: list[int]) -> Iterator[str]:
+    """Faults of raw files: missing, or of another content."""
+    kept = select(RawFile).where(RawFile.archived_to.is_(None)).order_by(RawFile.sha256)
+    for row in session.scalars(kept.execution_options(yield_per=_BATCH)):
+        counts[1] += 1
+        path = path_of(folder.files, row.sha256, row.compression)
+        name = path.relative_to(folder.path)
+        if not path.is_file():
+            yield f"{name}: the file is missing"
+            continue
+        try:
+            if hash_of(path, row.compression) != row.sha256:
+                yield f"{name}: the content is not that of its hash"
+        except InputError:
+            yield f"{name}: the file cannot be read"
+        session.expunge(row)
+
+
+def _orphans(session: Session, folder: DataFolder) -> list[Path]:
+    """Files that no row refers to."""
+    known = set()
+    rows = select(RawFile.sha256, RawFile.compression).where(RawFile.archived_to.is_(None))
+    for sha256, compression in session.execute(rows):
+        known.add(path_of(folder.files, sha256, compression))
+    found = {path for path in folder.files.rglob("*") if path.is_file()}
+    return sorted(found - known) + sorted(folder.path.glob("store.migrating*"))
+
+
+def gc(store: OpenStore, *, dry_run: bool = False) -> dict[str, Any]:
+    """Remove the files that no row refers to: of additions that were interrupted, and archived ones.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+    dry_run : bool
+        Whether they are only listed.
+
+    Returns
+    -------
+    dict
+        Document of ``store gc --json``.
+
+    Raises
+    ------
+    InputError
+        If the store is damaged or in use.
+    """
+    removed, size = [], 0
+    with store.write("store gc") as session:
+        for path in _orphans(session, store.folder):
+            size += path.stat().st_size
+            removed.append(str(path.relative_to(store.path)))
+            if not dry_run:
+                path.unlink()
+        if removed and not dry_run:
+            record(session, "gc", "files", removed=removed, bytes=size)
+    return {"schema": SCHEMA, "removed": removed, "bytes": size, "dry_run": dry_run}

@@ -1,0 +1,389 @@
+"""Backup, restoration, archive and export of a store."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, create_engine, insert, select, text
+from sqlalchemy.orm import Session
+
+from ballscrew.base.errors import InputError
+from ballscrew.base.files import write_text
+from ballscrew.base.jsonfile import SCHEMA, write_json
+from ballscrew.base.provenance import digest
+from ballscrew.store.checking import verify
+from ballscrew.store.database import make_engine, sqlite_url, translated
+from ballscrew.store.folder import DataFolder
+from ballscrew.store.histories import current_events
+from ballscrew.store.migrating import copy_sqlite, settle, upgrade
+from ballscrew.store.opened import OpenStore, record, tables
+from ballscrew.store.raw_files import clone_file, copy_out, path_of, sync_folder
+from ballscrew.store.reading import current_rows, find_axis, find_method
+from ballscrew.store.tables import (
+    Alarm,
+    Axis,
+    Document,
+    EpochRow,
+    Model,
+    RawFile,
+    RecordingRow,
+    ResultRow,
+    RunRow,
+    Source,
+    unpack,
+)
+
+_ATTEMPTS = 5  # files may be archived meanwhile
+_BATCH = 1000  # rows in memory
+
+
+class _ArchivedError(Exception):
+    """Files were archived while they were copied: the copy is made again."""
+
+
+def backup(store: OpenStore, to: str | Path) -> Path:
+    """Copy a store as it is at one moment, while others add to it.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+    to : path-like
+        New folder. It is a store with SQLite, whatever the database of the original.
+
+    Returns
+    -------
+    Path
+        The folder, complete and durable.
+
+    Raises
+    ------
+    InputError
+        If the folder exists, a file is damaged, or something cannot be written.
+    """
+    for _ in range(_ATTEMPTS):
+        with suppress(_ArchivedError), translated(store.path), _new_folder(Path(to)) as temporary:
+            copy = DataFolder(temporary)
+            copy.files.mkdir()
+            _copy_database(store, copy.sqlite)
+            _copy_files(_kept_files(copy.sqlite), store.folder, copy.files)
+            copy.create(None)
+            return Path(to)
+    raise InputError(f"{store.path}: files are archived all the time; try again.")
+
+
+@contextmanager
+def _new_folder(final: Path) -> Iterator[Path]:
+    """Temporary folder that becomes ``final`` at the end, complete and durable, or does not exist."""
+    if final.exists():
+        raise InputError(f"{final}: exists; give a new folder.")
+    temporary = None
+    try:
+        temporary = Path(tempfile.mkdtemp(prefix=f".{final.name[:40]}-", dir=final.parent))
+        yield temporary
+        for path in sorted(temporary.rglob("*")):
+            if path.is_dir():
+                sync_folder(path)
+        sync_folder(temporary)
+        temporary.chmod(0o755)
+        temporary.rename(final)
+        sync_folder(final.parent)
+    except OSError as error:
+        raise InputError(f"{final}: cannot be written ({error.strerror or error}).") from None
+    finally:
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _copy_database(store: OpenStore, target: Path) -> None:
+    """Copy all rows into a new SQLite database."""
+    if store.folder.database_url() is None:
+        source = sqlite3.connect(f"{store.folder.sqlite.resolve().as_uri()}?mode=ro", uri=True)
+        try:
+            copy_sqlite(source, target)
+        finally:
+            source.close()
+    else:
+        target.touch()
+        engine = make_engine(sqlite_url(target), writing=True)
+        with store.engine(writing=False).connect() as rows, engine.begin() as copied:
+            upgrade(copied, target, new=True)
+            _copy_rows(rows, copied)
+    settle(target)
+
+
+def _copy_rows(source: Connection, target: Connection) -> None:
+    """Copy all rows of a database into one without rows."""
+    for table in tables():
+        rows = source.execute(select(table).execution_options(yield_per=_BATCH)).mappings()
+        for batch in rows.partitions():
+            target.execute(insert(table), list(map(dict, batch)))
+        if "id" in table.c and target.dialect.name == "postgresql":
+            sequence = f"pg_get_serial_sequence('{table.name}', 'id')"
+            newest = f"(SELECT max(id) FROM {table.name})"  # noqa: S608  names of the schema
+            target.execute(text(f"SELECT setval({sequence}, {newest}) WHERE {newest} IS NOT NULL"))
+
+
+def _kept_files(database: Path) -> list[tuple[str, str]]:
+    """Hash and compression of the raw files that are in a store with SQLite."""
+    engine = create_engine(sqlite_url(database))
+    with Session(engine) as session:
+        rows = session.execute(
+            select(RawFile.sha256, RawFile.compression).where(RawFile.archived_to.is_(None))
+        ).all()
+    engine.dispose()
+    return [(sha256, compression) for sha256, compression in rows]
+
+
+def _copy_files(files: list[tuple[str, str]], original: DataFolder, to: Path) -> None:
+    """Copy the raw files that the rows of a copy refer to."""
+    for sha256, compression in files:
+        source = path_of(original.files, sha256, compression)
+        if source.is_file():
+            clone_file(source, to, sha256, compression)
+        elif _is_archived(original, sha256):
+            raise _ArchivedError
+        else:
+            raise InputError(f"{source}: the file is missing: the store is damaged, see 'store verify'.")
+
+
+def _is_archived(folder: DataFolder, sha256: str) -> bool:
+    with OpenStore(folder.path).read() as session:
+        row = session.get(RawFile, sha256)
+        return row is not None and row.archived_to is not None
+
+
+def restore(backup_folder: str | Path, to: str | Path, *, database: str | None = None) -> OpenStore:
+    """Restore a backup to a new folder, after it was verified.
+
+    Parameters
+    ----------
+    backup_folder : path-like
+        The backup, which stays.
+    to : path-like
+        New folder.
+    database : str, optional
+        URL of an empty PostgreSQL database; by default SQLite in the folder.
+
+    Returns
+    -------
+    OpenStore
+        The restored store.
+
+    Raises
+    ------
+    InputError
+        If the backup is damaged, or the folder or the database is not empty.
+    """
+    found = verify(backup_folder)
+    if found.faults:
+        raise InputError(f"{backup_folder}: the backup is damaged and was not restored: {found.faults[0]}.")
+    source = OpenStore(backup_folder)
+    if database is None:
+        return OpenStore(backup(source, to))
+    with translated(to), _new_folder(Path(to)) as temporary:
+        copy = DataFolder(temporary)
+        copy.files.mkdir()
+        _copy_files(_kept_files(source.folder.sqlite), source.folder, copy.files)
+        engine = make_engine(database, writing=True)
+        with source.engine(writing=False).connect() as rows, engine.begin() as connection:
+            upgrade(connection, to, new=True)
+            _copy_rows(rows, connection)
+        copy.create(database)
+    return OpenStore(to)
+
+
+def archive(store: OpenStore, axis: str, to: str | Path, *, newest: int = 30) -> dict[str, Any]:
+    """Move raw files of an axis to another folder; results stay, and are no longer reprocessed.
+
+    Raw files stay of the newest runs, of the references of epochs, and of runs at which an alarm began.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+    axis : str
+        Name of the axis.
+    to : path-like
+        Folder, which may contain other archived files.
+    newest : int
+        Runs whose raw files stay.
+
+    Returns
+    -------
+    dict
+        Document of ``store archive --json``.
+
+    Raises
+    ------
+    InputError
+        If there is no such axis, or a file cannot be copied; it then stays in the store.
+    """
+    target = Path(to)
+    if newest < 0:
+        raise InputError(f"the number of newest runs is {newest}; it must be 0 or more.")
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{target}: cannot be created ({error.strerror or error}).") from None
+    moved, size = [], 0
+    with store.write("store archive") as session:
+        for row in _dispensable(session, find_axis(session, axis), newest):
+            clone_file(
+                path_of(store.folder.files, row.sha256, row.compression), target, row.sha256, row.compression
+            )
+            row.archived_to = str(target.resolve())
+            moved.append((row.sha256, row.compression))
+            size += row.stored_size
+        if moved:
+            record(session, "archive", f"axis {axis}", to=str(target), files=[file[0] for file in moved])
+    for sha256, compression in moved:  # what is left here by a kill, gc removes
+        path_of(store.folder.files, sha256, compression).unlink(missing_ok=True)
+    return {"schema": SCHEMA, "axis": axis, "to": str(target), "files": len(moved), "bytes": size}
+
+
+def _dispensable(session: Session, axis: Axis, newest: int) -> list[RawFile]:
+    """Raw files of an axis that are of no run whose raw files stay."""
+    rows = session.scalars(
+        select(RunRow).where(RunRow.axis_id == axis.id).order_by(RunRow.time, RunRow.run)
+    ).all()
+    begun = set(session.scalars(select(Alarm.began_at).where(Alarm.axis_id == axis.id)))
+    references = set(session.scalars(select(EpochRow.reference).where(EpochRow.axis_id == axis.id)))
+    stay = set()
+    for place, row in enumerate(rows):
+        if place >= len(rows) - newest or row.measured_at in begun or row.run in references:
+            stay.add(row.id)
+    needed = select(RecordingRow.sha256).join(RunRow, RunRow.id == RecordingRow.run_id)
+    needed = needed.where((RunRow.axis_id != axis.id) | RunRow.id.in_(stay))
+    own = select(RecordingRow.sha256).join(RunRow, RunRow.id == RecordingRow.run_id)
+    files = select(RawFile).where(
+        RawFile.archived_to.is_(None),
+        RawFile.sha256.in_(own.where(RunRow.axis_id == axis.id)),
+        RawFile.sha256.not_in(needed),
+    )
+    return list(session.scalars(files.order_by(RawFile.sha256)))
+
+
+def export(store: OpenStore, axis: str, to: str | Path, *, raw: bool = False) -> Path:
+    """Write the history of an axis as files for the other commands.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+    axis : str
+        Name of the axis.
+    to : path-like
+        New folder: ``runs/*.json``, ``events.toml``, ``models/*.json`` and ``sheets/*.toml``.
+    raw : bool
+        Whether the raw files that the store has are written too, with the documents of their runs.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        If there is no such axis, or the folder exists or cannot be written.
+    """
+    with store.read() as session, _new_folder(Path(to)) as folder:
+        row = find_axis(session, axis)
+        _export_results(session, row, folder)
+        for model in session.scalars(select(Model).where(Model.axis_id == row.id)):
+            _write(folder / "models" / f"{model.digest[:12]}.json", write_json(unpack(model.document)) + "\n")
+        for sheet in session.scalars(select(Document).where(Document.axis_id == row.id)):
+            _write(folder / "sheets" / f"{sheet.digest[:12]}.toml", sheet.text)
+        events = []
+        for event in current_events(session, row):
+            fields = (("at", event.at), ("kind", event.kind), ("text", event.text))
+            events.append("[[events]]\n" + _toml(fields))
+        _write(folder / "events.toml", "\n".join(events))
+        if raw:
+            _export_raw(session, store, row, folder)
+    return Path(to)
+
+
+def _export_results(session: Session, axis: Axis, folder: Path) -> None:
+    method = find_method(session, axis)
+    for row in current_rows(session, axis):
+        result = None
+        if method is not None:
+            found = select(ResultRow).where(ResultRow.run_id == row.id, ResultRow.method_id == method.id)
+            result = session.scalar(found)
+        if result is not None:
+            document = unpack(result.document)
+            _write(folder / "runs" / f"{_file_name(row)}.json", write_json(document) + "\n")
+
+
+def _export_raw(session: Session, store: OpenStore, axis: Axis, folder: Path) -> None:
+    """Each run with its RUN.toml, the documents that it names and its raw files."""
+    sources = session.execute(
+        select(Source, RunRow).join(RunRow, RunRow.id == Source.run_id).where(RunRow.axis_id == axis.id)
+    ).all()
+    for source, run in sources:
+        place = folder / "recordings" / _file_name(run)
+        stated = source.stated
+        names = []
+        for number, sha256 in enumerate(stated["files"]):
+            file = session.get(RawFile, sha256)
+            if file is not None and file.archived_to is None:
+                name = f"{number:03d}-{Path(_name(session, run, sha256)).name or 'recording'}"
+                place.mkdir(parents=True, exist_ok=True)
+                path = path_of(store.folder.files, sha256, file.compression)
+                copy_out(path, file.compression, place / name, sha256)
+                names.append(name)
+        fields: list[tuple[str, Any]] = [("files", names)]
+        for kind, key in stated["documents"].items():
+            document = session.get(Document, key)
+            if document is not None:
+                _write(place / f"{kind}.toml", document.text)
+                fields.append((kind, f"{kind}.toml"))
+        fields += stated_fields(stated)
+        _write(place / "run.toml", _toml(fields))
+
+
+def stated_fields(stated: dict[str, Any]) -> list[tuple[str, Any]]:
+    """Load, time and temperature as RUN.toml states them."""
+    fields = []
+    if stated["mass_kg"] is not None:
+        fields.append(("load", f"{stated['mass_kg']!r} kg"))
+    if stated["measured_at"] is not None:
+        fields.append(("measured_at", stated["measured_at"]))
+    if stated["temperature_C"] is not None:
+        fields.append(("temperature", f"{stated['temperature_C']!r} degC"))
+    return fields
+
+
+def _name(session: Session, run: RunRow, sha256: str) -> str:
+    """Name of a recording of a run."""
+    found = select(RecordingRow.name).where(RecordingRow.run_id == run.id, RecordingRow.sha256 == sha256)
+    return session.scalars(found).first() or "recording"
+
+
+def _file_name(row: RunRow) -> str:
+    """Name of a run's file: its day and the digest of its id, which may be any text."""
+    day = (row.measured_at or "no-time")[:10]
+    return f"{day}-{digest(row.run)[:12]}"
+
+
+def _toml(fields: Any) -> str:
+    """Lines of TOML; a text or a list of texts has the same form as in JSON."""
+    lines = []
+    for name, value in fields:
+        text = json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+        lines.append(f"{name} = {text}\n")
+    return "".join(lines)
+
+
+def _write(path: Path, content: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_text(path, content)

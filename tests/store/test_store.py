@@ -1,0 +1,187 @@
+"""A store answers as the files that were added to it, whatever their order, on both databases."""
+
+from __future__ import annotations
+
+import json
+import random
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from sqlalchemy import func, select
+from tests.estimation.made_runs import calibrated
+from tests.monitoring.histories import at, history, worn
+from tests.store.conftest import NewStore
+
+import ballscrew
+from ballscrew.base.errors import InputError
+from ballscrew.base.jsonfile import write_json
+from ballscrew.modal.amend import amend
+from ballscrew.modal.run import Run
+from ballscrew.monitoring.epochs import Event
+from ballscrew.store.adding import add_events, add_model, add_run
+from ballscrew.store.store import Store
+from ballscrew.store.tables import Alarm, Audit, Conflict, Correction, RunRow
+
+RUNS = [Run.from_json(run.to_json()) for run in history([3.0 * day for day in range(14)], worn(15, 100))]
+MODEL = calibrated()
+EVENTS = (Event(at(2.0), "note", "a note"), Event(at(4.5), "greased", "weekly"))
+
+
+def fill(store: Store, runs: list[Run] | None = None, *, seed: int | None = None) -> None:
+    """Add runs, model and events, in an order by the seed."""
+    actions = [lambda run=run: add_run(store, run) for run in runs or RUNS]
+    actions += [lambda: add_model(store, MODEL), lambda: add_events(store, EVENTS, "bench")]
+    if seed is not None:
+        random.Random(seed).shuffle(actions)  # noqa: S311
+    for action in actions:
+        action()
+
+
+def count(store: Store, table: type) -> int:
+    with store.read() as session:
+        return int(session.scalar(select(func.count()).select_from(table)) or 0)
+
+
+def test_monitor_of_a_store_is_that_of_its_files(store: Store) -> None:
+    fill(store, seed=1)
+    stored = store.monitor("bench").monitored
+    assert write_json(stored.to_json()) == write_json(ballscrew.monitor(RUNS, MODEL, events=EVENTS).to_json())
+
+
+def test_the_trend_that_is_read_is_that_of_monitor(store: Store) -> None:
+    fill(store)
+    states = {run.reading.run: run for run in store.monitor("bench").monitored.state.runs}
+    shown = store.show("bench")
+    assert [run["run"] for run in shown["runs"]] == [run.id for run in RUNS]
+    for run in shown["runs"]:
+        stiffness = states[run["run"]].stiffness
+        assert run["state"] == states[run["run"]].state
+        assert run["stiffness"] == pytest.approx([stiffness.value, *stiffness.interval], rel=1e-9)
+    (axis,) = store.list()["axes"]
+    assert axis["state"] == shown["state"] == "alarm"
+    assert axis["runs"] == len(RUNS)
+    assert axis["rul_days"].keys() == {"0.05", "0.1", "0.25", "0.5", "0.75", "0.9", "0.95"}
+
+
+def test_the_same_content_any_number_of_times_is_added_once(store: Store) -> None:
+    fill(store)
+    rows = count(store, RunRow), count(store, Audit)
+    assert not add_run(store, RUNS[0]).is_new
+    assert not add_model(store, MODEL).is_new
+    assert not add_events(store, EVENTS, "bench").is_new
+    renamed = replace(RUNS[1], files=(replace(RUNS[1].files[0], name="b.h5"),))
+    assert not add_run(store, renamed).is_new
+    store.monitor("bench")
+    audits = count(store, Audit)
+    store.monitor("bench")
+    assert (count(store, RunRow), count(store, Alarm)) == (rows[0], 1)
+    assert count(store, Audit) == audits
+
+
+def test_the_same_run_with_other_content_is_refused_and_stored_aside(store: Store) -> None:
+    fill(store)
+    cell = replace(RUNS[0].cells[0], frequency_Hz=RUNS[0].cells[0].frequency_Hz * 1.001)
+    other = replace(RUNS[0], cells=(cell, *RUNS[0].cells[1:]))
+    for _ in range(2):
+        with pytest.raises(InputError, match="another result of the run"):
+            add_run(store, other)
+    assert count(store, Conflict) == 1
+    assert store.monitor("bench").runs[0] == RUNS[0]
+
+
+def test_an_alarm_that_no_longer_follows_is_retracted_and_not_deleted(store: Store) -> None:
+    fill(store)
+    assert store.monitor("bench").monitored.state.state == "alarm"
+    for run in RUNS[5:]:
+        store.exclude(run.id, reason="test")
+    assert store.monitor("bench").monitored.state.state == "normal"
+    (alarm,) = store.show("bench")["alarms"]
+    assert alarm["retracted_at"] is not None
+    for run in RUNS[5:]:
+        store.exclude(run.id, undo=True)
+    assert store.monitor("bench").monitored.state.state == "alarm"
+    (alarm,) = store.show("bench")["alarms"]
+    assert alarm["retracted_at"] is None
+
+
+def test_an_excluded_run_does_not_count_and_an_event_neither(store: Store) -> None:
+    fill(store)
+    store.exclude(RUNS[3].id, reason="the table was loaded")
+    event = store.show("bench")["events"][1]["digest"]
+    store.exclude(event[:10], reason="it was another axis")
+    found = store.monitor("bench").monitored
+    others = [run for run in RUNS if run is not RUNS[3]]
+    assert write_json(found.to_json()) == write_json(
+        ballscrew.monitor(others, MODEL, events=EVENTS[:1]).to_json()
+    )
+    assert [row["reason"] for row in store.show("bench")["exclusions"]] == [
+        "the table was loaded", "it was another axis"
+    ]  # fmt: skip
+    with pytest.raises(InputError, match="needs a reason"):
+        store.exclude(RUNS[4].id)
+
+
+def test_a_corrected_run_counts_with_its_new_time_and_the_old_one_stays(store: Store) -> None:
+    fill(store)
+    new = store.correct(RUNS[5].id, measured_at=at(15.5), reason="wrong clock")
+    assert store.correct(RUNS[5].id, measured_at=at(15.5)) == new
+    expected = [*RUNS[:5], *RUNS[6:], amend(RUNS[5], measured_at=at(15.5))]
+    assert write_json(store.monitor("bench").monitored.to_json()) == write_json(
+        ballscrew.monitor(expected, MODEL, events=EVENTS).to_json()
+    )
+    assert count(store, Correction) == 1
+    with pytest.raises(InputError, match="was corrected already"):
+        store.correct(RUNS[5].id, measured_at=at(16.0))
+    store.exclude(RUNS[5].id, reason="the old version")
+    assert new not in {run.id for run in store.monitor("bench").runs}
+
+
+def test_a_second_model_is_used_once_it_is_chosen(store: Store) -> None:
+    fill(store)
+    other = replace(MODEL, chi2=41.0)
+    key = add_model(store, other).subject
+    with pytest.raises(InputError, match="has 2 models of the axis 'bench'"):
+        store.monitor("bench")
+    assert store.choose_model("bench", key[:12], reason="calibrated again") == key
+    assert store.monitor("bench").monitored.state.axis == "bench"
+
+
+def test_any_order_of_addition_gives_the_same_answers(new_store: NewStore) -> None:
+    answers = set()
+    for seed in range(3):
+        store = new_store()
+        fill(store, RUNS[:6], seed=seed)
+        document = store.monitor("bench").monitored.to_json()
+        shown = store.show("bench")
+        fields = ("runs", "state", "stiffness", "rul_days", "urgency", "method")
+        answers.add(json.dumps([document, *(shown[name] for name in fields)], sort_keys=True))
+    assert len(answers) == 1
+
+
+def test_a_run_without_a_time_is_stored_and_part_of_no_history(store: Store) -> None:
+    fill(store)
+    untimed = replace(RUNS[0], id="without", measured_at=None, files=())
+    assert "has no time" in add_run(store, untimed).notes[0]
+    assert store.monitor("bench").notes == ("1 of the runs have no time and are no part of the history.",)
+
+
+def test_what_is_wrong_is_a_sentence(store: Store, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is not a store; 'ballscrew store init"):
+        Store(tmp_path / "nothing")
+    with pytest.raises(InputError, match="has no axis 'bench'; it has none"):
+        store.show("bench")
+    with pytest.raises(InputError, match="names no axis"):
+        add_run(store, replace(RUNS[0], axis=None))
+    with pytest.raises(InputError, match="a year from 1970 to 2100"):
+        add_run(store, replace(RUNS[0], measured_at="0001-01-01T00:00Z"))
+    with pytest.raises(InputError, match="has 3000 characters"):
+        add_run(store, replace(RUNS[0], id="x" * 3000))
+    add_model(store, MODEL)
+    with pytest.raises(InputError, match="has no axis 'nothing'; it has 'bench'"):
+        store.show("nothing")
+    with pytest.raises(InputError, match="no run of the axis 'bench'"):
+        store.monitor("bench")
+    with pytest.raises(InputError, match="has no run"):
+        store.exclude("run", reason="test")
+    assert count(store, RunRow) == 0
