@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from ballscrew.recording.recording import Recording as Recording
     from ballscrew.reproduction.demo import demo as demo
     from ballscrew.reproduction.reproduce import reproduce as reproduce
+    from ballscrew.store.reprocessing import reprocess as reprocess
     from ballscrew.store.store import Store as Store
 
 # Where each public name lives; it is loaded when it is first asked for, so that the package itself is light.
@@ -101,6 +102,7 @@ _HOME = {
     "read_model": "calibration.modelfile",
     "read_plan": "fcft.plan",
     "read_recording": "recording.load",
+    "reprocess": "store.reprocessing",
     "reproduce": "reproduction.reproduce",
     "resonances": "modal.resonances",
     "simulate": "cli.simulate",

@@ -27,7 +27,7 @@ from ballscrew.cli.options import (
 )
 from ballscrew.cli.plan_app import plan
 from ballscrew.cli.simulate_app import simulate
-from ballscrew.cli.store_app import store
+from ballscrew.cli.store_app import reprocess, store
 
 app = typer.Typer(
     name="ballscrew",
@@ -347,3 +347,4 @@ def reproduce(
 
 app.add_typer(simulate, name="simulate")
 app.add_typer(store, name="store")
+app.command(cls=Command, epilog='Example: ballscrew reprocess "X axis" --store plant --workers 4')(reprocess)

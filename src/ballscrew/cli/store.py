@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 from rich.table import Table
 
-from ballscrew.base.errors import DONE, InputError, printable
+from ballscrew.base.errors import DONE, WRONG_INPUT, InputError, printable
 from ballscrew.base.jsonfile import SCHEMA
-from ballscrew.cli.output import STATE_STYLE, TIME_WIDTH, console, print_json, progress_bar
+from ballscrew.base.words import percent
+from ballscrew.cli.output import STATE_STYLE, TIME_WIDTH, console, print_json, progress_bar, right_aligned
 
 if TYPE_CHECKING:
     from ballscrew.store.adding import Added
@@ -31,9 +32,7 @@ def open_store(path: Path | None) -> OpenStore:
     """
     from ballscrew.store.opened import OpenStore
 
-    if path is None:
-        raise InputError("no store is given: give its folder (--store DIR), or set BALLSCREW_STORE.")
-    return OpenStore(path)
+    return OpenStore(given_folder(path))
 
 
 def init_store(path: Path, database: str | None, *, as_json: bool) -> int:
@@ -202,3 +201,151 @@ def _runs(runs: Sequence[dict[str, Any]]) -> Table:
         row += [run["quality"] or "no result", _ratio(run["stiffness"]), _interval(run["stiffness"])]
         table.add_row(*row, _state(run["state"] if run["counts"] else "does not count"))
     return table
+
+
+def correct_store(
+    store: OpenStore,
+    subject: str,
+    *,
+    measured_at: str | None,
+    mass: str | None,
+    model: str | None,
+    reason: str,
+    as_json: bool,
+) -> int:
+    """Correct a run, or choose the model of an axis."""
+    from ballscrew.store.changing import choose_model, correct_run
+
+    if model is None:
+        found = correct_run(store, subject, measured_at=measured_at, mass=mass, reason=reason)
+        return _report({"run": found, "supersedes": subject}, f"Corrected; its id is now {found}.", as_json)
+    if measured_at is not None or mass is not None:
+        raise InputError("--model is for an axis, --measured-at and --mass are for a run; give one of them.")
+    found = choose_model(store, subject, model, reason=reason)
+    return _report({"axis": subject, "model": found}, f"Model of {subject}: {found}.", as_json)
+
+
+def _report(document: dict[str, Any], sentence: str, as_json: bool) -> int:
+    """Print what was done."""
+    if as_json:
+        print_json({"schema": SCHEMA} | document)
+    else:
+        console().print(sentence, markup=False, soft_wrap=True)
+    return DONE
+
+
+def exclude_store(store: OpenStore, subject: str, *, reason: str, undo: bool, as_json: bool) -> int:
+    """Exclude a run or an event, or include it again."""
+    from ballscrew.store.changing import exclude
+
+    found = exclude(store, subject, reason=reason, undo=undo)
+    done = "Included" if undo else "Excluded"
+    return _report({"id": found, "excluded": not undo}, f"{done}: {found}.", as_json)
+
+
+def archive_store(store: OpenStore, axis: str, to: Path, *, newest: int, as_json: bool) -> int:
+    """Move raw files of an axis to another folder."""
+    from ballscrew.store.copying import archive
+
+    document = archive(store, axis, to, newest=newest)
+    return _report(document, "Archived: {files} files, {bytes} bytes, to {to}.".format_map(document), as_json)
+
+
+def export_store(store: OpenStore, axis: str, to: Path, *, raw: bool, as_json: bool) -> int:
+    """Write the history of an axis as files."""
+    from ballscrew.store.copying import export
+
+    folder = export(store, axis, to, raw=raw)
+    return _report({"axis": axis, "to": str(folder)}, f"Exported: {folder}", as_json)
+
+
+def verify_store(path: Path | None, *, as_json: bool) -> int:
+    """Verify a store; status 2 if it is damaged."""
+    from ballscrew.store.checking import verify
+
+    found = verify(given_folder(path))
+    if as_json:
+        print_json(found.to_json())
+    else:
+        screen = console()
+        text = f"{found.rows} rows and {found.files} raw files verified: {len(found.faults)} faults."
+        if found.orphans:
+            text += f" {len(found.orphans)} files belong to no run; 'ballscrew store gc' removes them."
+        screen.print(text, markup=False)
+    for fault in found.faults:
+        sys.stderr.write(f"ballscrew: damaged: {printable(fault)}\n")
+    return WRONG_INPUT if found.faults else DONE
+
+
+def given_folder(path: Path | None) -> Path:
+    """Folder of ``--store``."""
+    if path is None:
+        raise InputError("no store is given: give its folder (--store DIR), or set BALLSCREW_STORE.")
+    return path
+
+
+def backup_store(store: OpenStore, to: Path, *, as_json: bool) -> int:
+    """Copy the store."""
+    from ballscrew.store.copying import backup
+
+    folder = backup(store, to)
+    return _report({"backup": str(folder)}, f"Backup: {folder}", as_json)
+
+
+def restore_store(folder: Path, to: Path, database: str | None, *, as_json: bool) -> int:
+    """Restore a backup."""
+    from ballscrew.store.copying import restore
+
+    store = restore(folder, to, database=database)
+    return _report({"store": str(store.path)}, f"Store: {store.path}", as_json)
+
+
+def migrate_store(path: Path | None, *, as_json: bool) -> int:
+    """Migrate a store to the schema of this version."""
+    from ballscrew.store.migrating import migrate
+    from ballscrew.store.tables import SCHEMA as TABLES
+
+    folder = given_folder(path)
+    found = migrate(folder)
+    sentence = f"{folder}: schema {found} migrated to {TABLES}."
+    if found == TABLES:
+        sentence = f"{folder}: has schema {TABLES} already."
+    return _report({"store": str(folder), "from": found, "to": TABLES}, sentence, as_json)
+
+
+def gc_store(store: OpenStore, *, dry_run: bool, as_json: bool) -> int:
+    """Remove files that no row refers to."""
+    from ballscrew.store.checking import gc
+
+    document = gc(store, dry_run=dry_run)
+    done = "To be removed" if dry_run else "Removed"
+    return _report(document, f"{done}: {len(document['removed'])} files, {document['bytes']} bytes.", as_json)
+
+
+def reprocess_store(
+    store: OpenStore, axes: Sequence[str], *, method: str, workers: int, switch: bool, as_json: bool
+) -> int:
+    """Analyse stored raw files again, and print the differences of each axis."""
+    from ballscrew.store.reprocessing import reprocess
+
+    with progress_bar("reprocess") as progress:
+        document = reprocess(store, axes, method=method, workers=workers, switch=switch, progress=progress)
+    for failure in document["failures"]:
+        sys.stderr.write(f"ballscrew: {printable(failure)}\n")
+    if as_json:
+        print_json(document)
+    else:
+        table = right_aligned(
+            ("runs", "without", "median change", "largest change", "other verdict"), "axis", "history"
+        )
+        for axis in document["axes"]:
+            numbers = [str(axis["runs"]), str(axis["missing"])]
+            numbers += [_part(axis["median_change"]), _part(axis["largest_change"])]
+            history = "new results" if axis["switched"] else "old results"
+            table.add_row(*numbers, str(axis["verdict_changes"]), escape(axis["axis"]), history)
+        console().print(table)
+    return WRONG_INPUT if document["failures"] else DONE
+
+
+def _part(number: float | None) -> str:
+    return "–" if number is None else percent(number)

@@ -7,11 +7,12 @@ from typing import Annotated
 
 import typer
 
-from ballscrew.cli.options import Command, CommandGroup, Json, option
+from ballscrew.cli.options import Command, CommandGroup, Json, flag, option
 
 StoreFolder = Annotated[
     Path | None, option("Data folder of the store.", "DIR", "--store", envvar="BALLSCREW_STORE")
 ]
+Reason = Annotated[str, option("Reason, for the audit.", "TEXT")]
 AxisName = Annotated[str, typer.Argument(metavar="AXIS", help="Name of the axis in its data sheet.")]
 
 store = typer.Typer(
@@ -79,3 +80,161 @@ def show(axis: AxisName, store: StoreFolder = None, as_json: Json = False) -> in
     from ballscrew.cli.store import open_store, show_store
 
     return show_store(open_store(store), axis, as_json=as_json)
+
+
+@store.command(
+    cls=Command, epilog="Example: ballscrew store correct 6d0ec71e163e --measured-at 2026-01-31T08:00Z"
+)
+def correct(
+    subject: Annotated[
+        str, typer.Argument(metavar="RUN | AXIS", help="Id of a run or its beginning; with --model, an axis.")
+    ],
+    store: StoreFolder = None,
+    measured_at: Annotated[
+        str | None, option("Time of the run, ISO 8601. [default: unchanged]", "2026-01-31T08:00Z")
+    ] = None,
+    mass: Annotated[str | None, option("Load on the table. [default: unchanged]", '"100 kg"')] = None,
+    model: Annotated[
+        str | None, option("Digest of the model of the axis, or its beginning.", "DIGEST")
+    ] = None,
+    reason: Reason = "",
+    as_json: Json = False,
+) -> int:
+    """Correct the time or the load of a run, or choose another model of an axis; the old value stays."""
+    from ballscrew.cli.store import correct_store, open_store
+
+    return correct_store(
+        open_store(store),
+        subject,
+        measured_at=measured_at,
+        mass=mass,
+        model=model,
+        reason=reason,
+        as_json=as_json,
+    )
+
+
+@store.command(cls=Command, epilog='Example: ballscrew store exclude 6d0ec71e163e --reason "loose sensor"')
+def exclude(
+    subject: Annotated[
+        str, typer.Argument(metavar="RUN | EVENT", help="Id of a run or an event, or its beginning.")
+    ],
+    store: StoreFolder = None,
+    reason: Reason = "",
+    undo: Annotated[bool, flag("Include it again.", "--undo")] = False,
+    as_json: Json = False,
+) -> int:
+    """Exclude a run or an event from the history of its axis; it stays in the store."""
+    from ballscrew.cli.store import exclude_store, open_store
+
+    return exclude_store(open_store(store), subject, reason=reason, undo=undo, as_json=as_json)
+
+
+@store.command(
+    cls=Command, epilog='Example: ballscrew store archive "X axis" --to /mnt/archive --store plant'
+)
+def archive(
+    axis: AxisName,
+    to: Annotated[Path, option("Folder for the raw files.", "DIR")],
+    store: StoreFolder = None,
+    newest: Annotated[int, option("Newest runs whose raw files stay.", "N", min=0)] = 30,
+    as_json: Json = False,
+) -> int:
+    """Move raw files of an axis to another folder; the results stay.
+
+    Raw files of the newest runs, of references and of runs at which an alarm began stay in the store.
+    """
+    from ballscrew.cli.store import archive_store, open_store
+
+    return archive_store(open_store(store), axis, to, newest=newest, as_json=as_json)
+
+
+@store.command(cls=Command, epilog='Example: ballscrew store export "X axis" --to x-axis --store plant')
+def export(
+    axis: AxisName,
+    to: Annotated[Path, option("New folder.", "DIR")],
+    store: StoreFolder = None,
+    raw: Annotated[bool, flag("Write the raw files too.", "--raw")] = False,
+    as_json: Json = False,
+) -> int:
+    """Write the history of an axis as files for the other commands."""
+    from ballscrew.cli.store import export_store, open_store
+
+    return export_store(open_store(store), axis, to, raw=raw, as_json=as_json)
+
+
+@store.command(cls=Command, epilog="Example: ballscrew store verify --store plant")
+def verify(store: StoreFolder = None, as_json: Json = False) -> int:
+    """Compare every file and row with its hash; a damaged store is only read from then on."""
+    from ballscrew.cli.store import verify_store
+
+    return verify_store(store, as_json=as_json)
+
+
+@store.command(cls=Command, epilog="Example: ballscrew store backup --to backup-2026-01-31 --store plant")
+def backup(
+    to: Annotated[Path, option("New folder.", "DIR")], store: StoreFolder = None, as_json: Json = False
+) -> int:
+    """Copy the store as it is at one moment, while others add to it; the copy is a store with SQLite."""
+    from ballscrew.cli.store import backup_store, open_store
+
+    return backup_store(open_store(store), to, as_json=as_json)
+
+
+@store.command(cls=Command, epilog="Example: ballscrew store restore backup-2026-01-31 --to plant")
+def restore(
+    folder: Annotated[Path, typer.Argument(metavar="BACKUP", help="Folder of the backup.")],
+    to: Annotated[Path, option("New folder of the store.", "DIR")],
+    database: Annotated[
+        str | None,
+        option("Empty PostgreSQL database. [default: SQLite in DIR]", "postgresql://user@host/name"),
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Verify a backup and restore it to a new folder."""
+    from ballscrew.cli.store import restore_store
+
+    return restore_store(folder, to, database, as_json=as_json)
+
+
+@store.command(cls=Command, epilog="Example: ballscrew store migrate --store plant")
+def migrate(store: StoreFolder = None, as_json: Json = False) -> int:
+    """Bring a store of an earlier version to the schema of this one; make a backup first."""
+    from ballscrew.cli.store import migrate_store
+
+    return migrate_store(store, as_json=as_json)
+
+
+@store.command(cls=Command, epilog="Example: ballscrew store gc --dry-run --store plant")
+def gc(
+    store: StoreFolder = None,
+    dry_run: Annotated[bool, flag("List the files only.", "--dry-run")] = False,
+    as_json: Json = False,
+) -> int:
+    """Remove files that no row refers to: of additions that were interrupted, and archived ones."""
+    from ballscrew.cli.store import gc_store, open_store
+
+    return gc_store(open_store(store), dry_run=dry_run, as_json=as_json)
+
+
+def reprocess(
+    axes: Annotated[
+        list[str] | None, typer.Argument(metavar="[AXIS…]", help="Names of axes; by default all.")
+    ] = None,
+    store: StoreFolder = None,
+    method: Annotated[str, option("Method of the analysis, as for `analyze`.", "joint|paper")] = "joint",
+    workers: Annotated[int, option("Processes that analyse.", "N", min=1)] = 1,
+    switch: Annotated[
+        bool, flag("Make the new results the history of the axes, each as a whole.", "--switch")
+    ] = False,
+    as_json: Json = False,
+) -> int:
+    """Analyse stored raw files by this version, and show how the results differ from the old ones.
+
+    The new results are stored beside the old; the history changes with --switch alone.
+    """
+    from ballscrew.cli.store import open_store, reprocess_store
+
+    return reprocess_store(
+        open_store(store), axes or [], method=method, workers=workers, switch=switch, as_json=as_json
+    )

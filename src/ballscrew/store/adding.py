@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.files import Progress, read_whole
-from ballscrew.base.jsonfile import read_json
+from ballscrew.base.jsonfile import plain, read_json
 from ballscrew.base.provenance import digest, hash_file
 from ballscrew.base.tomlfile import read_toml
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
@@ -206,7 +206,7 @@ def add_recordings(
     }
     key = digest(stated)
     with store.read() as session:
-        known = _analysed_before(session, key, digest(options.to_settings()))
+        known = _analysed_before(session, key, digest(plain(options.to_settings())))
     if known is not None:
         return known
     run = examine(job, options, progress=progress).run

@@ -65,26 +65,47 @@ def correct_run(
     """
     with store.write("store correct") as session:
         row = find_run(session, run)
-        axis, plan = None, None
         new = ""
-        results = session.execute(
-            select(ResultRow, Method)
-            .join(Method, Method.id == ResultRow.method_id)
-            .where(ResultRow.run_id == row.id)
-            .order_by(ResultRow.id)
-        ).all()
-        for result, method in results:
-            former = Run.from_json(unpack(result.document), f"run {row.run[:12]}")
-            if mass is not None:
-                axis = _document(session, former, "axis", read_axis)
-                plan = _document(session, former, "plan", read_plan)
-            corrected = amend(former, measured_at=measured_at, mass=mass, axis=axis, plan=plan)
-            new = corrected.id
-            _check_not_corrected(session, row, new)
-            insert_run(session, corrected, method.revision)
+        for method in session.scalars(
+            select(Method).join(ResultRow, ResultRow.method_id == Method.id).where(ResultRow.run_id == row.id)
+        ).all():
+            new = amend_result(session, row, method, measured_at=measured_at, mass=mass)
         if session.scalar(select(Correction.id).where(Correction.subject == new)) is None:
             _record_corrections(session, row, new, reason)
     return new
+
+
+def amend_result(
+    session: Session, row: RunRow, method: Method, *, measured_at: str | None, mass: str | float | None
+) -> str:
+    """Add the result of a corrected run, by the result of the run as it was.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    row : RunRow
+        The run as it was.
+    method : Method
+        Method of the result.
+    measured_at, mass
+        As for :func:`ballscrew.amend`.
+
+    Returns
+    -------
+    str
+        Id of the corrected run.
+    """
+    found = select(ResultRow).where(ResultRow.run_id == row.id, ResultRow.method_id == method.id)
+    former = Run.from_json(unpack(session.scalars(found).one().document), f"run {row.run[:12]}")
+    axis, plan = None, None
+    if mass is not None:
+        axis = _document(session, former, "axis", read_axis)
+        plan = _document(session, former, "plan", read_plan)
+    corrected = amend(former, measured_at=measured_at, mass=mass, axis=axis, plan=plan)
+    _check_not_corrected(session, row, corrected.id)
+    insert_run(session, corrected, method.revision)
+    return corrected.id
 
 
 def _check_not_corrected(session: Session, row: RunRow, new: str) -> None:

@@ -268,8 +268,7 @@ def _runs_document(
             .join(RunRow, RunRow.id == ResultRow.run_id)
             .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
         )
-        for number, verdict in session.execute(results):
-            verdicts[number] = verdict
+        verdicts = {number: verdict for number, verdict in session.execute(results)}  # noqa: C416
     rows = session.scalars(select(RunRow).where(RunRow.axis_id == axis.id).order_by(RunRow.time, RunRow.run))
     runs = []
     for row in rows:

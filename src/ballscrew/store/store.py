@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from ballscrew.store import adding, assessing, changing, checking, copying, migrating, opened, reading
+from ballscrew.store import (
+    adding,
+    assessing,
+    changing,
+    checking,
+    copying,
+    migrating,
+    opened,
+    reading,
+    reprocessing,
+)
 
 
 class Store(opened.OpenStore):
@@ -40,3 +50,4 @@ class Store(opened.OpenStore):
     verify = staticmethod(checking.verify)
     gc = checking.gc
     migrate = staticmethod(migrating.migrate)
+    reprocess = reprocessing.reprocess

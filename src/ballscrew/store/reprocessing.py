@@ -1,0 +1,359 @@
+"""Analysis of stored raw files by the current method: new results beside the old, switched as a whole."""
+
+from __future__ import annotations
+
+import multiprocessing
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from sqlalchemy import select
+from sqlalchemy.orm import Session, aliased
+
+from ballscrew.base.errors import InputError, shown
+from ballscrew.base.files import Progress, ignore_progress
+from ballscrew.base.jsonfile import SCHEMA, plain
+from ballscrew.base.provenance import digest
+from ballscrew.modal.analyze import AnalysisOptions, examine
+from ballscrew.modal.job import Job
+from ballscrew.modal.run import Run
+from ballscrew.store import adding
+from ballscrew.store.changing import amend_result
+from ballscrew.store.folder import actor, now
+from ballscrew.store.opened import OpenStore, record
+from ballscrew.store.raw_files import materialised
+from ballscrew.store.reading import current_rows, find_axis, find_method
+from ballscrew.store.tables import (
+    Axis,
+    CellRow,
+    Correction,
+    Document,
+    Method,
+    RawFile,
+    RecordingRow,
+    ResultRow,
+    RunRow,
+    Source,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One run to analyse, as plain data for a process.
+
+    Parameters
+    ----------
+    run : str
+        Id of the run.
+    folder : str
+        Folder of raw files.
+    files : tuple of (name, sha256, compression)
+        Its recordings in their order.
+    documents : dict of str to str
+        Text of each document by its kind.
+    stated : dict
+        Content of its RUN.toml.
+    method : str
+        Method of the analysis.
+    """
+
+    run: str
+    folder: str
+    files: tuple[tuple[str, str, str], ...]
+    documents: dict[str, str]
+    stated: dict[str, Any]
+    method: str
+
+
+def reprocess(
+    store: OpenStore,
+    axes: Sequence[str] = (),
+    *,
+    method: str = "joint",
+    workers: int = 1,
+    switch: bool = False,
+    progress: Progress = ignore_progress,
+) -> dict[str, Any]:
+    """Analyse the stored raw files of axes by the current method, and compare the results with the old ones.
+
+    A run that has such a result is not analysed again, so that an interrupted call goes on.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+    axes : sequence of str
+        Names of the axes; by default all.
+    method : {"joint", "paper"}
+        Method of the analysis.
+    workers : int
+        Processes that analyse.
+    switch : bool
+        Whether the histories consist of the new results from now on.
+    progress : callable
+        Called after each run.
+
+    Returns
+    -------
+    dict
+        Document of ``reprocess --json``.
+
+    Raises
+    ------
+    InputError
+        If there is no such axis, or an axis cannot be switched since runs have no new result.
+    """
+    if workers < 1:
+        raise InputError(f"the number of workers is {workers}; it must be 1 or more.")
+    options = AnalysisOptions(method=method)
+    with store.read() as session:
+        names = list(axes) or list(session.scalars(select(Axis.name).order_by(Axis.name)))
+        tasks, failures = _tasks(session, store, names, options)
+    for done, (task, result) in enumerate(_results(tasks, workers), 1):
+        if isinstance(result, str):
+            failures.append(f"run {task.run[:12]}: {result}")
+        else:
+            _insert(store, result)
+        progress(done, len(tasks), task.run[:12])
+    with store.write("reprocess") as session:
+        _amend_corrected(session, names, options)
+    with store.read() as session:
+        compared = [_compare(session, find_axis(session, name), options) for name in names]
+    if switch:
+        for axis in compared:
+            switch_axis(store, axis["axis"], options)
+            axis["switched"] = True
+    return {"schema": SCHEMA, "analyzed": len(tasks) - len(failures), "failures": failures, "axes": compared}
+
+
+def _find_target(session: Session, options: AnalysisOptions) -> Method | None:
+    """Row of the method, settings and revision of the new results."""
+    return session.scalar(
+        select(Method).where(
+            Method.name == options.method,
+            Method.settings_digest == digest(plain(options.to_settings())),
+            Method.revision == adding.METHOD_REVISION,
+        )
+    )
+
+
+def _tasks(
+    session: Session, store: OpenStore, names: Iterable[str], options: AnalysisOptions
+) -> tuple[list[Task], list[str]]:
+    """Runs with raw files and without a result by the method; sentences on those that cannot be analysed."""
+    target = _find_target(session, options)
+    done = set()
+    if target is not None:
+        done = set(session.scalars(select(ResultRow.run_id).where(ResultRow.method_id == target.id)))
+    tasks, failures = [], []
+    for name in names:
+        axis = find_axis(session, name)
+        found = session.execute(
+            select(Source, RunRow)
+            .join(RunRow, RunRow.id == Source.run_id)
+            .where(RunRow.axis_id == axis.id)
+            .order_by(RunRow.time, RunRow.run, Source.digest)
+        ).all()
+        for source, run in found:
+            if run.id in done:
+                continue
+            done.add(run.id)
+            files = _files(session, run, source.stated["files"])
+            if files is None:
+                failures.append(f"run {run.run[:12]}: its raw files are archived")
+            else:
+                texts = {}
+                for kind, key in source.stated["documents"].items():
+                    texts[kind] = session.get_one(Document, key).text
+                folder = str(store.folder.files)
+                tasks.append(Task(run.run, folder, files, texts, source.stated, options.method))
+    return tasks, failures
+
+
+def _files(session: Session, run: RunRow, hashes: Sequence[str]) -> tuple[tuple[str, str, str], ...] | None:
+    """Name, hash and compression of each recording; None if one is not in the store."""
+    names = {}
+    for row in session.scalars(select(RecordingRow).where(RecordingRow.run_id == run.id)):
+        names[row.sha256] = row.name
+    files = []
+    for sha256 in hashes:
+        file = session.get(RawFile, sha256)
+        if file is None or file.archived_to is not None:
+            return None
+        files.append((names[sha256], sha256, file.compression))
+    return tuple(files)
+
+
+def analyse_task(task: Task) -> dict[str, Any] | str:
+    """Analyse a run in this process.
+
+    Parameters
+    ----------
+    task : Task
+        The run.
+
+    Returns
+    -------
+    dict or str
+        RUN.json, or the sentence why there is none.
+    """
+    try:
+        with (
+            tempfile.TemporaryDirectory(prefix="ballscrew-") as folder,
+            materialised(Path(task.folder), list(task.files)) as files,
+        ):
+            paths = {}
+            for kind, text in task.documents.items():
+                paths[kind] = Path(folder) / f"{kind}.toml"
+                paths[kind].write_text(text, encoding="utf-8")
+            channels, axis, plan = (paths.get(kind) for kind in ("channels", "axis", "plan"))
+            job = Job.of(files, channels, axis, plan, task.stated["mass_kg"], None, None)
+            stated = task.stated
+            job = replace(job, measured_at=stated["measured_at"], temperature=stated["temperature_C"])
+            run = examine(job, AnalysisOptions(method=task.method)).run
+    except InputError as error:
+        return str(error)
+    if run.id != task.run:
+        return f"the analysis gives another run, {run.id[:12]}"
+    return run.to_json()
+
+
+def _results(tasks: Sequence[Task], workers: int) -> Iterator[tuple[Task, dict[str, Any] | str]]:
+    """Results as they come; at most two tasks a worker are underway."""
+    if workers == 1:
+        for task in tasks:
+            yield task, analyse_task(task)
+        return
+    waiting = iter(tasks)
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        underway: dict[Future[dict[str, Any] | str], Task] = {}
+        for task in islice(waiting, 2 * workers):
+            underway[pool.submit(analyse_task, task)] = task
+        while underway:
+            finished, _ = wait(underway, return_when=FIRST_COMPLETED)
+            for future in finished:
+                task = underway.pop(future)
+                try:
+                    yield task, future.result()
+                except BrokenProcessPool:
+                    raise InputError("a worker was killed; run the same command again to go on.") from None
+                for following in islice(waiting, 1):
+                    underway[pool.submit(analyse_task, following)] = following
+
+
+def _insert(store: OpenStore, document: dict[str, Any]) -> None:
+    run = Run.from_json(document)
+    with store.write("reprocess") as session:
+        adding.insert_run(session, run, adding.METHOD_REVISION)
+
+
+def _amend_corrected(session: Session, names: Iterable[str], options: AnalysisOptions) -> None:
+    """New results of corrected runs, by those of the runs as they were."""
+    target = _find_target(session, options)
+    if target is None:
+        return
+    known = set(session.scalars(select(ResultRow.run_id).where(ResultRow.method_id == target.id)))
+    for name in names:
+        rows = session.scalars(
+            select(RunRow).where(RunRow.axis_id == find_axis(session, name).id).order_by(RunRow.id)
+        ).all()
+        by_run = {row.run: row for row in rows}
+        for row in rows:  # a correction comes after what it corrects
+            former = by_run.get(row.supersedes or "")
+            if former is not None and former.id in known and row.id not in known:
+                mass = None if row.mass_kg == former.mass_kg else row.mass_kg
+                time = row.measured_at
+                if mass is not None and time == former.measured_at:
+                    time = None
+                amend_result(session, former, target, measured_at=time, mass=mass)
+                known.add(row.id)
+
+
+def _compare(session: Session, axis: Axis, options: AnalysisOptions) -> dict[str, Any]:
+    """Difference between the new results of an axis and those of its history."""
+    old, new = find_method(session, axis), _find_target(session, options)
+    document: dict[str, Any] = {"axis": axis.name, "switched": False, "runs": 0, "missing": 0}
+    document |= {"cells": 0, "median_change": None, "largest_change": None, "verdict_changes": 0}
+    if old is None or new is None:
+        return document
+    document["switched"] = old.id == new.id
+    document["old"] = {"method": old.name, "revision": old.revision}
+    document["new"] = {"method": new.name, "revision": new.revision}
+    document["missing"] = len(_missing(session, axis, new))
+    one, other = aliased(ResultRow), aliased(ResultRow)
+    pairs = (
+        select(one, other)
+        .join(other, other.run_id == one.run_id)
+        .join(RunRow, RunRow.id == one.run_id)
+        .where(RunRow.axis_id == axis.id, one.method_id == old.id, other.method_id == new.id)
+    )
+    changes: list[float] = []
+    for before, after in session.execute(pairs):
+        document["runs"] += 1
+        document["verdict_changes"] += before.verdict != after.verdict
+        changes += _relative_changes(_cells(session, before), _cells(session, after))
+    document["cells"] = len(changes)
+    if changes:
+        document["median_change"] = float(np.median(np.abs(changes)))
+        document["largest_change"] = float(np.max(np.abs(changes)))
+    return document
+
+
+def _cells(session: Session, result: ResultRow) -> dict[tuple[float, str, int], float]:
+    """Frequencies of the cells that have one."""
+    cells = {}
+    for cell in session.scalars(select(CellRow).where(CellRow.result_id == result.id)):
+        if cell.frequency_Hz is not None:
+            cells[cell.position_m, cell.condition, cell.motion] = cell.frequency_Hz
+    return cells
+
+
+def _relative_changes(before: dict[Any, float], after: dict[Any, float]) -> list[float]:
+    return [after[key] / before[key] - 1 for key in before.keys() & after.keys()]
+
+
+def _missing(session: Session, axis: Axis, target: Method) -> list[RunRow]:
+    """Runs of the history without a result by a method."""
+    known = set(session.scalars(select(ResultRow.run_id).where(ResultRow.method_id == target.id)))
+    return [row for row in current_rows(session, axis) if row.id not in known]
+
+
+def switch_axis(store: OpenStore, name: str, options: AnalysisOptions) -> None:
+    """Make the new results of an axis its history, all of them or none.
+
+    Raises
+    ------
+    InputError
+        If a run of the history has no new result.
+    """
+    with store.write("reprocess") as session:
+        axis = find_axis(session, name)
+        target, old = _find_target(session, options), find_method(session, axis)
+        missing = [] if target is None else _missing(session, axis, target)
+        if target is None or missing:
+            number = f"{len(missing)} runs" if missing else "its runs"
+            raise InputError(
+                f"the axis {shown(name)} is not switched: {number} have no new result, and a history has one "
+                "method; 'store exclude' them first, or leave the axis as it is."
+            )
+        if axis.method_id == target.id:
+            return
+        session.add(
+            Correction(
+                subject=f"axis {name}",
+                field="method",
+                old=None if old is None else f"{old.name}, revision {old.revision}",
+                new=f"{target.name}, revision {target.revision}",
+                reason="reprocess --switch",
+                actor=actor(),
+                at=now(),
+            )
+        )
+        axis.method_id = target.id
+        record(session, "switch", f"axis {name}", method=target.name, revision=target.revision)
