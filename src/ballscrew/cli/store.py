@@ -349,3 +349,12 @@ def reprocess_store(
 
 def _part(number: float | None) -> str:
     return "–" if number is None else percent(number)
+
+
+def simulate_fleet_store(store: OpenStore, *, as_json: bool, **numbers: Any) -> int:
+    """Add the rows of a synthetic fleet."""
+    from ballscrew.store.fleet import simulate_fleet
+
+    with progress_bar("simulate-fleet") as progress:
+        document = simulate_fleet(store, progress=progress, **numbers)
+    return _report(document, "Added: {axes} axes, {runs} runs, {cells} cells.".format_map(document), as_json)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ballscrew.cli.options import Command, CommandGroup, Json, flag, option
+from ballscrew.cli.options import Command, CommandGroup, Json, Seed, flag, option
 
 StoreFolder = Annotated[
     Path | None, option("Data folder of the store.", "DIR", "--store", envvar="BALLSCREW_STORE")
@@ -215,6 +215,34 @@ def gc(
     from ballscrew.cli.store import gc_store, open_store
 
     return gc_store(open_store(store), dry_run=dry_run, as_json=as_json)
+
+
+@store.command(
+    cls=Command,
+    name="simulate-fleet",
+    epilog="Example: ballscrew store simulate-fleet --axes 10 --store test",
+)
+def simulate_fleet(
+    store: StoreFolder = None,
+    axes: Annotated[int, option("Number of axes.", "N", min=1)] = 300,
+    years: Annotated[float, option("Length of their histories.", "YEARS")] = 5.0,
+    runs_per_week: Annotated[float, option("Runs of each axis per week.", "N")] = 1.0,
+    cells: Annotated[int, option("Cells of each run.", "N", min=1)] = 40,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> int:
+    """Add the rows of a synthetic fleet to a store for tests of size; nothing is analysed."""
+    from ballscrew.cli.store import open_store, simulate_fleet_store
+
+    return simulate_fleet_store(
+        open_store(store),
+        axes=axes,
+        years=years,
+        runs_per_week=runs_per_week,
+        cells=cells,
+        seed=seed,
+        as_json=as_json,
+    )
 
 
 def reprocess(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -70,19 +71,30 @@ def find_run(session: Session, beginning: str) -> RunRow:
 
 
 def find_method(session: Session, axis: Axis) -> Method | None:
-    """Method of the results that are an axis' history: the one chosen, else that of the most runs."""
+    """Method of the results that are an axis' history.
+
+    The one chosen; else the method and settings of the most runs, by its oldest revision: a new revision
+    becomes the history only as a whole, by ``reprocess``.
+    """
     if axis.method_id is not None:
         return session.get(Method, axis.method_id)
-    count = func.count()
     found = session.execute(
-        select(Method, count)
+        select(Method, func.count())
         .join(ResultRow, ResultRow.method_id == Method.id)
         .join(RunRow, RunRow.id == ResultRow.run_id)
         .where(RunRow.axis_id == axis.id)
         .group_by(Method.id)
-        .order_by(count.desc(), Method.revision, Method.name, Method.settings_digest)
-    ).first()
-    return None if found is None else found[0]
+        .order_by(Method.name, Method.settings_digest, Method.revision)
+    ).all()
+    totals: Counter[tuple[str, str]] = Counter()
+    oldest: dict[tuple[str, str], Method] = {}
+    for method, number in found:
+        key = (method.name, method.settings_digest)
+        totals[key] += number
+        oldest.setdefault(key, method)
+    if not totals:
+        return None
+    return oldest[max(oldest, key=totals.__getitem__)]
 
 
 def find_model(session: Session, axis: Axis) -> Model:

@@ -112,8 +112,12 @@ def reprocess(
     if workers < 1:
         raise InputError(f"the number of workers is {workers}; it must be 1 or more.")
     options = AnalysisOptions(method=method)
-    with store.read() as session:
+    with store.write("reprocess") as session:
         names = list(axes) or list(session.scalars(select(Axis.name).order_by(Axis.name)))
+        for name in names:  # the history stays, however many new results there are
+            axis = find_axis(session, name)
+            method_now = find_method(session, axis)
+            axis.method_id = None if method_now is None else method_now.id
         tasks, failures = _tasks(session, store, names, options)
     for done, (task, result) in enumerate(_results(tasks, workers), 1):
         if isinstance(result, str):
@@ -126,9 +130,9 @@ def reprocess(
     with store.read() as session:
         compared = [_compare(session, find_axis(session, name), options) for name in names]
     if switch:
-        for axis in compared:
-            switch_axis(store, axis["axis"], options)
-            axis["switched"] = True
+        for document in compared:
+            switch_axis(store, document["axis"], options)
+            document["switched"] = True
     return {"schema": SCHEMA, "analyzed": len(tasks) - len(failures), "failures": failures, "axes": compared}
 
 

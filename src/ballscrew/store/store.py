@@ -8,6 +8,7 @@ from ballscrew.store import (
     changing,
     checking,
     copying,
+    fleet,
     migrating,
     opened,
     reading,
@@ -51,3 +52,4 @@ class Store(opened.OpenStore):
     gc = checking.gc
     migrate = staticmethod(migrating.migrate)
     reprocess = reprocessing.reprocess
+    simulate_fleet = fleet.simulate_fleet
