@@ -218,6 +218,7 @@ def _state_rows(state: HealthState, axis: int, numbers: dict[str, int]) -> list[
     rows = []
     for run in state.runs:
         reading = run.reading
+        nut, low, high = _numbers(run.relative) or (None, None, None)
         row = StateRow(
             run_id=numbers[reading.run],
             axis_id=axis,
@@ -234,7 +235,9 @@ def _state_rows(state: HealthState, axis: int, numbers: dict[str, int]) -> list[
             ramp_limit=_finite(run.ramp_limit),
             odds=_finite(run.odds),
             odds_limit=_finite(run.odds_limit),
-            nut=_numbers(run.relative),
+            nut=nut,
+            nut_low=low,
+            nut_high=high,
             reasons=list(reading.reasons) or None,
         )
         chart = state.charts[reading.epoch]
@@ -250,7 +253,7 @@ def _set_design(row: StateRow, run: RunState, chart: Chart, index: int) -> None:
     if run.stiffness is not None:
         row.random = float(chart.design.uncertainty[index])
         row.unknown_temperature = float(chart.design.unknown_temperature[index])
-        row.design = chart.design.columns[index].tolist()
+        row.design = chart.design.columns[index].astype("<f8").tobytes()
 
 
 def _update_alarms(session: Session, state: HealthState, axis: Axis) -> None:

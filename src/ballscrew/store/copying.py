@@ -369,7 +369,7 @@ def _name(session: Session, run: RunRow, sha256: str) -> str:
     return session.scalars(found).first() or "recording"
 
 
-def _file_name(row: RunRow) -> str:
+def _file_name(row: Any) -> str:
     """Name of a run's file: its day and the digest of its id, which may be any text."""
     day = (row.measured_at or "no-time")[:10]
     return f"{day}-{digest(row.run)[:12]}"

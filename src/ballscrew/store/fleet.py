@@ -40,6 +40,7 @@ _BEGIN = datetime(2021, 1, 4, 6, tzinfo=UTC)
 _AXES_OF_A_SITE = 30
 _FREQUENCY, _SPREAD = 150.0, 0.15  # Hz, of a cell
 _MARK = 111.0  # Hz, in place of a cell's frequency in the text of RUN.json
+_DESIGN = np.array([1.0, 0.1]).tobytes()
 _BATCH = 20_000  # rows in memory
 _CONDITIONS = ("PA", "PD", "NA", "ND")
 
@@ -231,18 +232,18 @@ def _state_rows(axis: int, runs: list[int], days: Array, level: Array) -> Iterat
         yield {
             "run_id": run, "axis_id": axis, "time": _time(day).timestamp(), "epoch": 0,
             "state": "learning" if place < 3 else "normal", "verdict": "good", "level": value,
-            "random": 1e-4, "systematic": 1e-5, "unknown_temperature": 0.0, "design": [1.0, 0.1],
-            "ramp": 0.5, "ramp_limit": 4.0, "odds": 1.5, "odds_limit": 900.0, "nut": [1.0, 0.9, 1.1],
-            "reasons": None,
+            "random": 1e-4, "systematic": 1e-5, "unknown_temperature": 0.0, "design": _DESIGN,
+            "ramp": 0.5, "ramp_limit": 4.0, "odds": 1.5, "odds_limit": 900.0, "nut": 1.0, "nut_low": 0.9,
+            "nut_high": 1.1, "reasons": None,
         }  # fmt: skip
 
 
 def _assessment(axis: int, method: int, model: str, days: Array, level: Array) -> Assessment:
     ratio = float((1 + level[-1]) ** -3)
     return Assessment(
-        axis_id=axis, inputs=digest([axis, "simulated"]), made_at=now(), version=__version__, method_id=method,
-        model_digest=model, settings={}, runs=len(days), newest_at=_time(float(days[-1])).isoformat(),
-        state="normal", urgency="none", verdict="good", alarm_at=None,
+        axis_id=axis, inputs=digest([axis, "simulated"]), made_at=now(), version=__version__,
+        method_id=method, model_digest=model, settings={}, runs=len(days),
+        newest_at=_time(float(days[-1])).isoformat(), state="normal", urgency="none", verdict="good", alarm_at=None,
         stiffness=[ratio, ratio - 0.01, ratio + 0.01], rul_days={"0.05": 300, "0.5": 900, "0.95": None},
         reasons=None,
     )  # fmt: skip

@@ -121,10 +121,20 @@ def find_model(session: Session, axis: Axis) -> Model:
     return rows[0]
 
 
-def current_rows(session: Session, axis: Axis) -> list[RunRow]:
-    """Runs of an axis in time order, without those that were corrected or excluded."""
-    order = (RunRow.time, RunRow.run)
-    rows = session.scalars(select(RunRow).where(RunRow.axis_id == axis.id).order_by(*order)).all()
+def run_rows(session: Session, axis: int) -> Sequence[Any]:
+    """Rows of the runs of an axis, by its number, in time order."""
+    columns = (
+        RunRow.id, RunRow.run, RunRow.measured_at, RunRow.time, RunRow.mass_kg, RunRow.temperature_C,
+        RunRow.supersedes,
+    )  # fmt: skip
+    found = select(*columns).where(RunRow.axis_id == axis).order_by(RunRow.time, RunRow.run)
+    return session.execute(found).all()
+
+
+def current_rows(session: Session, axis: Axis, rows: Sequence[Any] | None = None) -> list[Any]:
+    """Rows of the runs of an axis in time order, without those that were corrected or excluded."""
+    if rows is None:
+        rows = run_rows(session, axis.id)
     excluded = set(
         session.scalars(
             select(RunRow.run)
@@ -134,7 +144,7 @@ def current_rows(session: Session, axis: Axis) -> list[RunRow]:
     )
     former = {row.run: row.supersedes for row in rows}
     superseded = set(former.values())
-    current: list[RunRow] = []
+    current: list[Any] = []
     for row in rows:
         # An exclusion of any version of a run is one of the run.
         counts = row.run not in superseded and not excluded.intersection(_versions(row.run, former))
@@ -154,7 +164,7 @@ def _versions(run: str, former: Mapping[str, str | None]) -> Iterable[str]:
 
 def run_versions(session: Session, row: RunRow) -> list[int]:
     """Numbers of a run and of all its corrections, earlier and later."""
-    rows = session.scalars(select(RunRow).where(RunRow.axis_id == row.axis_id)).all()
+    rows = run_rows(session, row.axis_id)
     former = {each.run: each.supersedes for each in rows}
     first = list(_versions(row.run, former))[-1]
     return [each.id for each in rows if first in _versions(each.run, former)]
@@ -236,7 +246,6 @@ def show_axis(store: OpenStore, name: str) -> dict[str, Any]:
         if axis.assessment_id is not None:
             assessment = session.get(Assessment, axis.assessment_id)
         method = find_method(session, axis)
-        current = {row.id for row in current_rows(session, axis)}
         alarms = session.scalars(select(Alarm).where(Alarm.axis_id == axis.id).order_by(Alarm.id)).all()
         of_run, of_event = Exclusion.run_id == RunRow.id, Exclusion.event_id == EventRow.id
         excluded = session.execute(
@@ -255,7 +264,7 @@ def show_axis(store: OpenStore, name: str) -> dict[str, Any]:
             "axis": axis.name,
             "method": None if method is None else {"name": method.name, "revision": method.revision},
             **_assessment_document(assessment),
-            "runs": _runs_document(session, axis, method, current, trend(session, axis)),
+            "runs": _runs_document(session, axis, method, trend(session, axis)),
             "alarms": [_named(row, "epoch", "began_at", "raised_at", "retracted_at") for row in alarms],
             "events": [_named(row, "digest", "at", "kind", "text") for row in events],
             "exclusions": [
@@ -270,7 +279,7 @@ def _named(row: Any, *names: str) -> dict[str, Any]:
 
 
 def _runs_document(
-    session: Session, axis: Axis, method: Method | None, current: set[int], states: Mapping[int, Any]
+    session: Session, axis: Axis, method: Method | None, states: Mapping[int, Any]
 ) -> list[dict[str, Any]]:
     """Every run of an axis in time order, with what is known of it."""
     verdicts: dict[int, str] = {}
@@ -281,12 +290,16 @@ def _runs_document(
             .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
         )
         verdicts = {number: verdict for number, verdict in session.execute(results)}  # noqa: C416
-    rows = session.scalars(select(RunRow).where(RunRow.axis_id == axis.id).order_by(RunRow.time, RunRow.run))
+    rows = run_rows(session, axis.id)
+    current = {row.id for row in current_rows(session, axis, rows)}
+    unknown = {"state": "unknown", "stiffness": None, "nut": None}
     runs = []
-    for row in rows:
-        run = _named(row, "run", "measured_at", "mass_kg", "temperature_C", "supersedes")
-        run |= {"counts": row.id in current, "quality": verdicts.get(row.id)}
-        runs.append(run | states.get(row.id, {"state": "unknown", "stiffness": None, "nut": None}))
+    for number, run, measured_at, _, mass, temperature, supersedes in rows:
+        document = {
+            "run": run, "measured_at": measured_at, "mass_kg": mass, "temperature_C": temperature,
+            "supersedes": supersedes, "counts": number in current, "quality": verdicts.get(number),
+        }  # fmt: skip
+        runs.append(document | states.get(number, unknown))
     return runs
 
 
@@ -309,27 +322,24 @@ def trend(session: Session, axis: Axis) -> dict[int, dict[str, Any]]:
     for epoch in session.scalars(select(EpochRow).where(EpochRow.axis_id == axis.id)):
         epochs[epoch.number] = epoch
     columns = (
-        StateRow.run_id,
-        StateRow.epoch,
-        StateRow.state,
-        StateRow.nut,
-        StateRow.level,
-        StateRow.random,
-        StateRow.systematic,
-        StateRow.unknown_temperature,
-        StateRow.design,
-    )
+        StateRow.run_id, StateRow.epoch, StateRow.state, StateRow.nut, StateRow.nut_low, StateRow.nut_high,
+        StateRow.level, StateRow.random, StateRow.systematic, StateRow.unknown_temperature, StateRow.design,
+    )  # fmt: skip
     found = session.execute(
         select(*columns).where(StateRow.axis_id == axis.id).order_by(StateRow.time, StateRow.run_id)
     ).all()
     states: dict[int, dict[str, Any]] = {}
+    charted: dict[int, list[Any]] = {number: [] for number in epochs}
     for row in found:
-        states[row.run_id] = {"state": row.state, "epoch": row.epoch, "stiffness": None, "nut": row.nut}
-    for number, epoch in epochs.items():
-        charted = [row for row in found if row.epoch == number and row.design is not None]
-        if charted and epoch.coefficients is not None:
-            for row, stiffness in zip(charted, relative_stiffness(charted, epoch), strict=True):
-                states[row.run_id]["stiffness"] = stiffness
+        number, epoch_of_run, state, nut, low, high, *_, design = row
+        interval = None if nut is None else [nut, low, high]
+        states[number] = {"state": state, "epoch": epoch_of_run, "stiffness": None, "nut": interval}
+        if design is not None:
+            charted[epoch_of_run].append(row)
+    for number, rows in charted.items():
+        if rows:
+            for row, stiffness in zip(rows, relative_stiffness(rows, epochs[number]), strict=True):
+                states[row[0]]["stiffness"] = stiffness
     return states
 
 
@@ -338,13 +348,14 @@ def relative_stiffness(rows: Sequence[Any], epoch: EpochRow) -> list[list[float]
 
     As :func:`ballscrew.monitoring.health.health_state` computes it, from rows.
     """
-    design = np.array([row.design for row in rows], dtype=np.float64)
-    level, random, systematic, unknown = np.array(
-        [(row.level, row.random, row.systematic, row.unknown_temperature) for row in rows], dtype=np.float64
-    ).T
+    *_, level, random, systematic, unknown, designs = zip(*rows, strict=True)
+    design = np.frombuffer(b"".join(designs), "<f8").reshape(len(rows), -1)
+    level, random, systematic, unknown = np.array([level, random, systematic, unknown], dtype=np.float64)
     coefficients, covariance = np.array(epoch.coefficients), np.array(epoch.covariance)
     u = 1 + level
-    root = (1 / u + design[:, 1:] @ coefficients[1:]) / (1 - coefficients[0])
+    # Not by BLAS: for products this small its threads take longer than the sums.
+    steps = np.einsum("ni,i->n", design[:, 1:], coefficients[1:])
+    root = (1 / u + steps) / (1 - coefficients[0])
     by_baseline = np.einsum("ni,ij,nj->n", design, covariance, design)
     scale = 0.0 if epoch.scale is None else epoch.scale
     variance = (scale * random) ** 2 + unknown**2 + by_baseline

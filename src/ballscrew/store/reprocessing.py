@@ -322,7 +322,7 @@ def _relative_changes(before: dict[Any, float], after: dict[Any, float]) -> list
     return [after[key] / before[key] - 1 for key in before.keys() & after.keys()]
 
 
-def _missing(session: Session, axis: Axis, target: Method) -> list[RunRow]:
+def _missing(session: Session, axis: Axis, target: Method) -> list[Any]:
     """Runs of the history without a result by a method."""
     known = set(session.scalars(select(ResultRow.run_id).where(ResultRow.method_id == target.id)))
     return [row for row in current_rows(session, axis) if row.id not in known]

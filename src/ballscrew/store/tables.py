@@ -202,7 +202,10 @@ class ResultRow(Checked, Base):
     """One analysis of a run: RUN.json, compressed, its verdict and version."""
 
     __tablename__ = "results"
-    __table_args__ = (UniqueConstraint("run_id", "method_id"), Index("ix_results_method", "method_id"))
+    __table_args__ = (
+        UniqueConstraint("run_id", "method_id"),
+        Index("ix_results_verdict", "method_id", "run_id", "verdict"),
+    )
     id: Mapped[int] = mapped_column(primary_key=True)
     run_id: Mapped[int] = mapped_column(ForeignKey("runs.id"))
     method_id: Mapped[int] = mapped_column(ForeignKey("methods.id"))
@@ -301,6 +304,7 @@ class StateRow(Checked, Base):
     """A run in its history: level and design as measured, statistics and state.
 
     What is relative to the baseline is computed when it is read, from these and the row of the epoch.
+    ``design`` consists of numbers of 64 bits, least significant byte first.
     """
 
     __tablename__ = "states"
@@ -318,12 +322,14 @@ class StateRow(Checked, Base):
     random: Mapped[float | None]
     systematic: Mapped[float | None]
     unknown_temperature: Mapped[float | None]
-    design: Mapped[list[Any] | None]
+    design: Mapped[bytes | None]
     ramp: Mapped[float | None]
     ramp_limit: Mapped[float | None]
     odds: Mapped[float | None]
     odds_limit: Mapped[float | None]
-    nut: Mapped[list[Any] | None]
+    nut: Mapped[float | None]
+    nut_low: Mapped[float | None]
+    nut_high: Mapped[float | None]
     reasons: Mapped[list[Any] | None]
 
 

@@ -245,7 +245,7 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name=op.f("pk_results")),
         sa.UniqueConstraint("run_id", "method_id", name=op.f("uq_results_run_id_method_id")),
     )
-    op.create_index("ix_results_method", "results", ["method_id"], unique=False)
+    op.create_index("ix_results_verdict", "results", ["method_id", "run_id", "verdict"], unique=False)
     op.create_table(
         "sources",
         sa.Column("digest", sa.Text(), nullable=False),
@@ -268,12 +268,14 @@ def upgrade() -> None:
         sa.Column("random", sa.Float(precision=53), nullable=True),
         sa.Column("systematic", sa.Float(precision=53), nullable=True),
         sa.Column("unknown_temperature", sa.Float(precision=53), nullable=True),
-        sa.Column("design", sa.JSON(none_as_null=True), nullable=True),
+        sa.Column("design", sa.LargeBinary(), nullable=True),
         sa.Column("ramp", sa.Float(precision=53), nullable=True),
         sa.Column("ramp_limit", sa.Float(precision=53), nullable=True),
         sa.Column("odds", sa.Float(precision=53), nullable=True),
         sa.Column("odds_limit", sa.Float(precision=53), nullable=True),
-        sa.Column("nut", sa.JSON(none_as_null=True), nullable=True),
+        sa.Column("nut", sa.Float(precision=53), nullable=True),
+        sa.Column("nut_low", sa.Float(precision=53), nullable=True),
+        sa.Column("nut_high", sa.Float(precision=53), nullable=True),
         sa.Column("reasons", sa.JSON(none_as_null=True), nullable=True),
         sa.Column("checksum", sa.BigInteger(), nullable=False),
         sa.ForeignKeyConstraint(
