@@ -3,50 +3,26 @@
 from __future__ import annotations
 
 import json
-import random
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from sqlalchemy import func, select
-from tests.estimation.made_runs import calibrated
-from tests.monitoring.histories import at, history, worn
+from tests.monitoring.histories import at
 from tests.store.conftest import NewStore
+from tests.store.stored import EVENTS, MODEL, RUNS, count, fill, text_of
 
 import ballscrew
 from ballscrew.base.errors import InputError
-from ballscrew.base.jsonfile import write_json
 from ballscrew.modal.amend import amend
-from ballscrew.modal.run import Run
-from ballscrew.monitoring.epochs import Event
 from ballscrew.store.adding import add_events, add_model, add_run
 from ballscrew.store.store import Store
 from ballscrew.store.tables import Alarm, Audit, Conflict, Correction, RunRow
-
-RUNS = [Run.from_json(run.to_json()) for run in history([3.0 * day for day in range(14)], worn(15, 100))]
-MODEL = calibrated()
-EVENTS = (Event(at(2.0), "note", "a note"), Event(at(4.5), "greased", "weekly"))
-
-
-def fill(store: Store, runs: list[Run] | None = None, *, seed: int | None = None) -> None:
-    """Add runs, model and events, in an order by the seed."""
-    actions = [lambda run=run: add_run(store, run) for run in runs or RUNS]
-    actions += [lambda: add_model(store, MODEL), lambda: add_events(store, EVENTS, "bench")]
-    if seed is not None:
-        random.Random(seed).shuffle(actions)  # noqa: S311
-    for action in actions:
-        action()
-
-
-def count(store: Store, table: type) -> int:
-    with store.read() as session:
-        return int(session.scalar(select(func.count()).select_from(table)) or 0)
 
 
 def test_monitor_of_a_store_is_that_of_its_files(store: Store) -> None:
     fill(store, seed=1)
     stored = store.monitor("bench").monitored
-    assert write_json(stored.to_json()) == write_json(ballscrew.monitor(RUNS, MODEL, events=EVENTS).to_json())
+    assert text_of(stored) == text_of(ballscrew.monitor(RUNS, MODEL, events=EVENTS))
 
 
 def test_the_trend_that_is_read_is_that_of_monitor(store: Store) -> None:
@@ -112,9 +88,7 @@ def test_an_excluded_run_does_not_count_and_an_event_neither(store: Store) -> No
     store.exclude(event[:10], reason="it was another axis")
     found = store.monitor("bench").monitored
     others = [run for run in RUNS if run is not RUNS[3]]
-    assert write_json(found.to_json()) == write_json(
-        ballscrew.monitor(others, MODEL, events=EVENTS[:1]).to_json()
-    )
+    assert text_of(found) == text_of(ballscrew.monitor(others, MODEL, events=EVENTS[:1]))
     assert [row["reason"] for row in store.show("bench")["exclusions"]] == [
         "the table was loaded", "it was another axis"
     ]  # fmt: skip
@@ -127,8 +101,8 @@ def test_a_corrected_run_counts_with_its_new_time_and_the_old_one_stays(store: S
     new = store.correct(RUNS[5].id, measured_at=at(15.5), reason="wrong clock")
     assert store.correct(RUNS[5].id, measured_at=at(15.5)) == new
     expected = [*RUNS[:5], *RUNS[6:], amend(RUNS[5], measured_at=at(15.5))]
-    assert write_json(store.monitor("bench").monitored.to_json()) == write_json(
-        ballscrew.monitor(expected, MODEL, events=EVENTS).to_json()
+    assert text_of(store.monitor("bench").monitored) == text_of(
+        ballscrew.monitor(expected, MODEL, events=EVENTS)
     )
     assert count(store, Correction) == 1
     with pytest.raises(InputError, match="was corrected already"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -103,7 +104,7 @@ def verify(path: str | Path) -> Verification:
                 faults.append(fault)
             orphans = [str(orphan.relative_to(folder.path)) for orphan in _orphans(session, folder)]
     except InputError as error:
-        if not faults and "damaged" not in str(error):
+        if not faults and not re.search("damaged|contains no store", str(error)):
             raise
         faults.append(str(error))
     found = Verification(tuple(faults[:_MOST]), counts[1], counts[0], tuple(orphans))

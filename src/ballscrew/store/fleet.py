@@ -241,9 +241,20 @@ def _state_rows(axis: int, runs: list[int], days: Array, level: Array) -> Iterat
 def _assessment(axis: int, method: int, model: str, days: Array, level: Array) -> Assessment:
     ratio = float((1 + level[-1]) ** -3)
     return Assessment(
-        axis_id=axis, inputs=digest([axis, "simulated"]), made_at=now(), version=__version__,
-        method_id=method, model_digest=model, settings={}, runs=len(days),
-        newest_at=_time(float(days[-1])).isoformat(), state="normal", urgency="none", verdict="good", alarm_at=None,
-        stiffness=[ratio, ratio - 0.01, ratio + 0.01], rul_days={"0.05": 300, "0.5": 900, "0.95": None},
+        axis_id=axis,
+        inputs=digest([axis, "simulated"]),
+        made_at=now(),
+        version=__version__,
+        method_id=method,
+        model_digest=model,
+        settings={},
+        runs=len(days),
+        newest_at=_time(float(days[-1])).isoformat(),
+        state="normal",
+        urgency="none",
+        verdict="good",
+        alarm_at=None,
+        stiffness=[ratio, ratio - 0.01, ratio + 0.01],
+        rul_days={"0.05": 300, "0.5": 900, "0.95": None},
         reasons=None,
-    )  # fmt: skip
+    )

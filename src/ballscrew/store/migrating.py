@@ -19,8 +19,8 @@ from ballscrew.store.tables import SCHEMA, SCHEMAS
 _MIGRATIONS = Path(__file__).parent / "migrations"
 
 
-def upgrade(connection: Connection, where: object, *, new: bool = False, target: str = SCHEMA) -> None:
-    """Bring the schema of a database to a version, in the transaction of a connection.
+def upgrade(connection: Connection, where: object, *, new: bool = False) -> None:
+    """Bring the schema of a database to that of this version, in the transaction of a connection.
 
     Parameters
     ----------
@@ -30,8 +30,6 @@ def upgrade(connection: Connection, where: object, *, new: bool = False, target:
         The store, for messages.
     new : bool
         Whether the database must be without a store.
-    target : str
-        Version of the schema.
 
     Raises
     ------
@@ -49,7 +47,7 @@ def upgrade(connection: Connection, where: object, *, new: bool = False, target:
     config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
     config.set_main_option("path_separator", "os")
     config.attributes["connection"] = connection
-    command.upgrade(config, target)
+    command.upgrade(config, SCHEMA)
 
 
 def migrate(path: str | Path) -> str:

@@ -1,0 +1,154 @@
+"""The commands of the store."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from tests.store.stored import EVENTS, MODEL, RUNS
+
+from ballscrew.base.errors import InputError
+from ballscrew.calibration.modelfile import write_model
+from ballscrew.cli.shell import run
+
+
+@pytest.fixture
+def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A store with an axis."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("BALLSCREW_STORE", "plant")
+    assert run(["store", "init", "plant"]) == 0
+    for number, each in enumerate(RUNS):
+        each.write(f"run{number:02d}.json")
+    write_model(MODEL, "model.json")
+    lines = "".join(f'[[events]]\nat = {event.at}\nkind = "{event.kind}"\n' for event in EVENTS)
+    Path("events.toml").write_text(lines, encoding="utf-8")
+    assert run(["store", "add", *map(str, sorted(Path().glob("run*.json"))), "model.json"]) == 0
+    assert run(["store", "add", "events.toml", "--axis", "bench"]) == 0
+    return tmp_path / "plant"
+
+
+def printed(capsys: pytest.CaptureFixture[str], *command: str) -> dict[str, object]:
+    capsys.readouterr()
+    assert run([*command, "--json"]) == 0
+    document: dict[str, object] = json.loads(capsys.readouterr().out)
+    return document
+
+
+@pytest.mark.usefixtures("plant")
+def test_monitor_of_a_store_prints_what_monitor_of_its_files_prints(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    runs = sorted(map(str, Path().glob("run*.json")))
+    files = printed(capsys, "monitor", *runs, "--model", "model.json", "--events", "events.toml")
+    stored = printed(capsys, "monitor", "bench", "--store", "plant")
+    assert stored == files
+    assert run(["store", "list"]) == 0
+    assert "alarm" in capsys.readouterr().out
+    assert run(["store", "show", "bench"]) == 0
+    shown = capsys.readouterr().out
+    assert "Alarm since" in shown
+    assert "greased" in shown
+
+
+@pytest.mark.usefixtures("plant")
+def test_every_command_prints_a_document(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["monitor", "bench", "--store", "plant"]) == 0
+    added = printed(capsys, "store", "add", "run00.json")["added"]
+    assert added[0]["new"] is False  # type: ignore[index]
+    corrected = printed(capsys, "store", "correct", RUNS[2].id, "--measured-at", "2026-01-08T08:00Z")
+    assert printed(capsys, "store", "exclude", str(corrected["run"]), "--reason", "why")["excluded"] is True
+    assert printed(capsys, "store", "show", "bench")["exclusions"] != []
+    assert printed(capsys, "store", "exclude", str(corrected["run"]), "--undo")["excluded"] is False
+    model = printed(capsys, "store", "add", "model.json")["added"][0]["id"]  # type: ignore[index]
+    assert printed(capsys, "store", "correct", "bench", "--model", model[:9])["model"] == model
+    assert printed(capsys, "store", "verify")["faults"] == []
+    assert printed(capsys, "store", "gc", "--dry-run")["removed"] == []
+    assert printed(capsys, "store", "backup", "--to", "backup") == {"schema": 2, "backup": "backup"}
+    assert printed(capsys, "store", "restore", "backup", "--to", "restored")["store"] == "restored"
+    assert printed(capsys, "store", "export", "bench", "--to", "bench")["to"] == "bench"
+    assert printed(capsys, "store", "archive", "bench", "--to", "archive")["files"] == 0
+    assert printed(capsys, "store", "migrate")["from"] == printed(capsys, "store", "migrate")["to"]
+    assert printed(capsys, "reprocess")["analyzed"] == 0
+    fleet = ("store", "simulate-fleet", "--axes", "2", "--years", "0.2", "--cells", "4")
+    assert printed(capsys, *fleet)["runs"] == 20
+    assert len(printed(capsys, "store", "list")["axes"]) == 3  # type: ignore[arg-type]
+    assert printed(capsys, "store", "verify")["faults"] == []
+
+
+@pytest.mark.usefixtures("plant")
+def test_every_command_prints_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    commands = [
+        "store verify", "store gc",
+        "store backup --to backup", "store restore backup --to restored", "store export bench --to bench",
+        "store archive bench --to archive", "store migrate", "reprocess", "store list", "store show bench",
+    ]  # fmt: skip
+    for command in commands:
+        assert run(command.split()) == 0
+        assert capsys.readouterr().out.strip()
+    assert run(["store", "correct", RUNS[1].id, "--mass", "101 kg"]) == 2
+    assert "the store does not have the plan of the run" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("plant")
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        ("store list --store nothing", "nothing: is not a store"),
+        ("store init plant", "plant: is a store already"),
+        ("store add nothing.json", "nothing.json: cannot be read"),
+        ("store add events.toml", "does not state the axis of its events; give its name (--axis)"),
+        ("store add plant/store.toml", "is none of RUN.toml"),
+        ("store add run01.json --site a", "a site is that of a machine"),
+        ("store show nothing", "the store has no axis 'nothing'; it has 'bench'"),
+        ("store exclude run", "an exclusion needs a reason"),
+        ("store exclude run --reason x", "several runs whose id begins with 'run'"),
+        ("store correct bench --model x --mass 1kg", "give one of them"),
+        ("monitor bench --store plant --model model.json", "with --store, give the name of one axis"),
+        ("monitor run01.json", "no model of the axis is given (--model)"),
+        ("reprocess nothing", "the store has no axis 'nothing'"),
+        ("store simulate-fleet --years 0", "50 years at most"),
+    ],
+)
+def test_what_is_wrong_is_a_sentence(capsys: pytest.CaptureFixture[str], command: str, sentence: str) -> None:
+    capsys.readouterr()
+    assert run(command.split()) == 2
+    assert sentence in capsys.readouterr().err
+
+
+def test_one_wrong_file_does_not_stop_the_others(plant: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (plant.parent / "wrong.json").write_text("{}", encoding="utf-8")
+    assert run(["store", "add", "wrong.json", "run00.json"]) == 2
+    found = capsys.readouterr()
+    assert "was there already" in found.out
+    assert "wrong.json" in found.err
+
+
+def test_a_damaged_store_is_named(plant: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (plant / "store.sqlite").write_bytes(b"no database at all" * 1000)
+    assert run(["store", "verify"]) == 2
+    assert "damaged" in capsys.readouterr().err
+    assert run(["store", "list"]) == 2
+    assert "the database is damaged" in capsys.readouterr().err
+
+
+def test_without_the_extra_there_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr(
+        importlib.util, "find_spec", lambda name: None if name == "alembic" else find_spec(name)
+    )
+    monkeypatch.delitem(sys.modules, "ballscrew.store", raising=False)
+    with pytest.raises(InputError, match=r"python -m pip install 'ballscrew\[store\]'"):
+        importlib.import_module("ballscrew.store")
+
+
+def test_without_a_store_there_is_a_sentence(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("BALLSCREW_STORE", raising=False)
+    for command in ("list", "verify", "gc", "migrate"):
+        assert run(["store", command]) == 2
+        assert "no store is given" in capsys.readouterr().err

@@ -1,0 +1,134 @@
+"""A damaged store is reported and only read; what is damaged is found by its hash."""
+
+from __future__ import annotations
+
+import random
+import sqlite3
+from pathlib import Path
+
+import pytest
+from sqlalchemy import text
+from tests.store.stored import RUNS, fill, imitate_analysis, write_recordings
+
+from ballscrew.base.errors import InputError
+from ballscrew.store.adding import add_run
+from ballscrew.store.raw_files import path_of
+from ballscrew.store.store import Store
+
+
+@pytest.fixture
+def with_files(store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Store:
+    """A store with rows of all kinds and raw files."""
+    imitate_analysis(monkeypatch)
+    fill(store)
+    store.add(write_recordings(tmp_path / "run", 50.0))
+    store.monitor("bench")
+    return store
+
+
+def raw_files(store: Store) -> list[Path]:
+    return sorted(path for path in store.folder.files.rglob("*") if path.is_file())
+
+
+def test_a_whole_store_has_no_fault(with_files: Store) -> None:
+    found = with_files.verify(with_files.path)
+    assert found.faults == ()
+    assert found.files == 2
+    assert found.orphans == ()
+
+
+def test_every_flipped_byte_of_a_raw_file_is_found(with_files: Store) -> None:
+    (path, _) = raw_files(with_files)
+    content = path.read_bytes()
+    for place in (0, len(content) // 2, len(content) - 1):
+        path.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+        (fault,) = with_files.verify(with_files.path).faults
+        assert path.name in fault
+    path.write_bytes(content)
+    assert with_files.verify(with_files.path).faults == ()
+
+
+def test_a_damaged_store_is_read_and_not_written_until_it_is_repaired(with_files: Store) -> None:
+    (path, _) = raw_files(with_files)
+    content = path.read_bytes()
+    path.unlink()
+    (fault,) = with_files.verify(with_files.path).faults
+    assert fault.endswith("the file is missing")
+    store = Store(with_files.path)
+    assert len(store.show("bench")["runs"]) == len(RUNS) + 1
+    with pytest.raises(InputError, match="the store is damaged and only read"):
+        add_run(store, RUNS[0])
+    with pytest.raises(InputError, match="the store is damaged and only read"):
+        store.gc()
+    path.write_bytes(content)
+    store.verify(store.path)
+    assert not add_run(store, RUNS[0]).is_new
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        ("UPDATE runs SET mass_kg = 101 WHERE id = 1", "of RunRow"),
+        ("UPDATE events SET kind = 'nut replaced' WHERE id = 1", "of EventRow"),
+        ("UPDATE audit SET actor = 'nobody' WHERE id = 1", "of Audit"),
+        ("UPDATE states SET level = 0.5", "of StateRow"),
+        ('UPDATE cells SET "frequency_Hz" = 1 WHERE result_id = 2 AND place = 3', "cells or recordings"),
+        ("DELETE FROM cells WHERE result_id = 2 AND place = 3", "cells or recordings"),
+        ("DELETE FROM recordings WHERE run_id = 2", "cells or recordings"),
+        ("UPDATE axes SET assessment_id = 99", "the assessment or the model"),
+    ],
+)
+def test_a_changed_row_is_found(with_files: Store, change: str, fault: str) -> None:
+    with with_files.engine(writing=True).begin() as connection:
+        connection.execute(text(change))
+    assert fault in " ".join(with_files.verify(with_files.path).faults)
+
+
+def test_flipped_bytes_of_the_database_are_found_or_change_nothing(tmp_path: Path) -> None:
+    Store.init(tmp_path / "a")
+    store = Store(tmp_path / "a")
+    fill(store)
+    answers = store.show("bench")
+    path = store.folder.sqlite
+    sqlite3.connect(path).execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    content = path.read_bytes()
+    chance = random.Random(1)  # noqa: S311
+    found = 0
+    for _ in range(60):
+        place = chance.randrange(len(content))
+        path.write_bytes(
+            content[:place] + bytes([content[place] ^ (1 << chance.randrange(8))]) + content[place + 1 :]
+        )
+        if store.verify(store.path).faults:
+            found += 1
+        else:
+            assert Store(store.path).show("bench") == answers, place
+    assert found > 10
+    path.write_bytes(content)
+    assert store.verify(store.path).faults == ()
+
+
+@pytest.mark.parametrize("content", [b"", b"no database at all" * 1000])
+def test_no_database_is_a_sentence_and_stays(tmp_path: Path, content: bytes) -> None:
+    Store.init(tmp_path / "a")
+    path = tmp_path / "a" / "store.sqlite"
+    for name in ("store.sqlite", "store.sqlite-wal", "store.sqlite-shm"):
+        (tmp_path / "a" / name).unlink(missing_ok=True)
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"the database is damaged|contains no store"):
+        Store(tmp_path / "a")
+    assert Store.verify(tmp_path / "a").faults
+    assert path.read_bytes() == content
+
+
+def test_files_without_a_row_are_removed_and_no_others(with_files: Store) -> None:
+    files = raw_files(with_files)
+    orphan = path_of(with_files.folder.files, "ab" * 32, "none")
+    orphan.parent.mkdir(exist_ok=True)
+    orphan.write_bytes(b"12345")
+    (with_files.folder.files / ".incoming-x").write_bytes(b"123")
+    assert len(with_files.verify(with_files.path).orphans) == 2
+    assert with_files.gc(dry_run=True)["bytes"] == 8
+    assert len(with_files.gc()["removed"]) == 2
+    assert raw_files(with_files) == files
+    assert with_files.verify(with_files.path).faults == ()

@@ -1,0 +1,161 @@
+"""RUN.toml with its raw files: analysed once, stored by their hash, and analysed again by a new method."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from tests.store.conftest import NewStore
+from tests.store.stored import RUNS, count, fill, imitate_analysis, text_of, write_recordings
+
+from ballscrew.base.errors import InputError
+from ballscrew.store import adding, raw_files
+from ballscrew.store.adding import add_run
+from ballscrew.store.raw_files import path_of, put_file, read_blocks
+from ballscrew.store.store import Store
+from ballscrew.store.tables import RawFile, ResultRow, RunRow
+
+
+def test_the_same_recordings_are_analysed_once(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jobs = imitate_analysis(monkeypatch)
+    path = write_recordings(tmp_path / "run", 1.0)
+    assert store.add(path).is_new
+    shutil.copytree(tmp_path / "run", tmp_path / "other name")
+    assert not store.add(tmp_path / "other name" / "run.toml").is_new
+    assert not store.add(path).is_new
+    assert len(jobs) == 1
+    assert count(store, RawFile) == 2
+    assert store.verify(store.path).faults == ()
+
+
+def test_a_result_and_then_its_recordings_are_one_run(
+    new_store: NewStore, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imitate_analysis(monkeypatch)
+    path = write_recordings(tmp_path / "run", 1.0)
+    one, other = new_store(), new_store()
+    one.add(path)
+    exported = next(one.export("bench", tmp_path / "exported").glob("runs/*.json"))
+    assert not one.add(exported).is_new
+    assert other.add(exported).is_new
+    assert not other.add(path).is_new
+    assert (count(other, RunRow), count(other, ResultRow), count(other, RawFile)) == (1, 1, 2)
+
+
+def test_recordings_that_change_meanwhile_are_refused_whole(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imitate_analysis(monkeypatch)
+    path = write_recordings(tmp_path / "run", 1.0)
+
+    def change_and_insert(*arguments: object) -> object:
+        (tmp_path / "run" / "trip1.bin").write_bytes(b"changed")
+        return insert_run(*arguments)  # type: ignore[arg-type]
+
+    insert_run = adding.insert_run
+    monkeypatch.setattr(adding, "insert_run", change_and_insert)
+    with pytest.raises(InputError, match="has changed since it was analysed; nothing was added"):
+        store.add(path)
+    assert count(store, RunRow) == count(store, RawFile) == 0
+    store.gc()
+    assert [each for each in store.folder.files.rglob("*") if each.is_file()] == []
+
+
+def test_a_new_revision_is_beside_the_old_until_the_axis_is_switched(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imitate_analysis(monkeypatch)
+    for day in range(5):
+        store.add(write_recordings(tmp_path / f"run{day}", float(day), f"{day}".encode()))
+    first = store.show("bench")["runs"][0]["run"]
+    new = store.correct(first, measured_at="2026-01-01T09:00Z", reason="wrong clock")
+    fill(store, RUNS[5:6])
+    store.exclude(RUNS[5].id, reason="has no raw files")
+    before = text_of(store.monitor("bench").monitored)
+    imitate_analysis(monkeypatch, scale=3.0)
+    monkeypatch.setattr(adding, "METHOD_REVISION", 2)
+    document = store.reprocess()
+    (axis,) = document["axes"]
+    assert document["analyzed"] == 5
+    assert (axis["runs"], axis["missing"], axis["switched"]) == (6, 0, False)
+    assert axis["largest_change"] == pytest.approx(2e-4, rel=1e-3)
+    assert text_of(store.monitor("bench").monitored) == before
+    assert store.reprocess(["bench"])["analyzed"] == 0
+    store.reprocess(["bench"], switch=True)
+    assert store.show("bench")["method"] == {"name": "joint", "revision": 2}
+    switched = store.monitor("bench").runs
+    assert new in {run.id for run in switched}
+    assert text_of(store.monitor("bench").monitored) != before
+    assert store.verify(store.path).faults == ()
+
+
+def test_an_axis_with_runs_without_raw_files_is_not_switched(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imitate_analysis(monkeypatch)
+    store.add(write_recordings(tmp_path / "run", 1.0))
+    add_run(store, RUNS[0])
+    monkeypatch.setattr(adding, "METHOD_REVISION", 2)
+    with pytest.raises(InputError, match="'bench' is not switched: 1 runs have no new result"):
+        store.reprocess(switch=True)
+    assert store.show("bench")["method"]["revision"] == 1
+
+
+@pytest.mark.slow
+def test_reprocessed_recordings_of_the_bench_are_the_same_result(bench: Path, tmp_path: Path) -> None:
+    """By two processes, which analyse from the store alone."""
+    for path in [*bench.glob("*.toml"), *bench.glob("preload-4-percent-trip*.h5")]:
+        shutil.copy(path, tmp_path)
+    (tmp_path / "run.toml").write_text(
+        'axis = "axis.toml"\nplan = "plan.toml"\nchannels = "channels.toml"\nload = "100 kg"\n'
+        'measured_at = 2026-01-31T08:00:00Z\ntemperature = "23.4 degC"\n'
+        'files = ["preload-4-percent-trip1.h5", "preload-4-percent-trip2.h5", "preload-4-percent-trip3.h5"]\n'
+    )
+    Store.init(tmp_path / "store")
+    store = Store(tmp_path / "store")
+    added = store.add(tmp_path / "run.toml", method="paper")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(adding, "METHOD_REVISION", 2)
+        document = store.reprocess(method="paper", workers=2)
+    assert document["failures"] == []
+    (axis,) = document["axes"]
+    assert (axis["runs"], axis["cells"], axis["largest_change"]) == (1, 40, 0.0)
+    assert store.show("bench")["runs"][0]["run"] == added.subject
+
+
+@pytest.mark.parametrize("content", [b"", b"text " * 500_000, os.urandom(1 << 21)])
+def test_a_stored_file_is_read_back(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "files").mkdir()
+    (tmp_path / "a.bin").write_bytes(content)
+    sha256 = hashlib.sha256(content).hexdigest()
+    stored = put_file(tmp_path / "files", tmp_path / "a.bin", sha256)
+    path = path_of(tmp_path / "files", sha256, stored.compression)
+    assert b"".join(read_blocks(path, stored.compression)) == content
+    assert stored.size == len(content)
+    assert stored.stored_size == path.stat().st_size
+    assert (stored.compression == "zstd") == content.startswith(b"text")
+
+
+@pytest.mark.parametrize("function", ["fsync", "replace", "write"])
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EIO])
+def test_after_an_error_of_the_disk_there_is_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, function: str, code: int
+) -> None:
+    (tmp_path / "files").mkdir()
+    (tmp_path / "a.bin").write_bytes(b"content")
+
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(code, os.strerror(code))
+
+    place = {"fsync": (os, "fsync"), "replace": (Path, "replace"), "write": (raw_files, "_copy")}[function]
+    monkeypatch.setattr(*place, fail)
+    with pytest.raises(InputError, match=f"cannot be stored .*{os.strerror(code)}"):
+        put_file(tmp_path / "files", tmp_path / "a.bin", hashlib.sha256(b"content").hexdigest())
+    monkeypatch.undo()
+    assert [path for path in (tmp_path / "files").rglob("*") if path.is_file()] == []
