@@ -1,10 +1,10 @@
 """``kill -9`` at random moments of what writes to a store, and whether it keeps its promises.
 
-``python -m benchmarks.store_kills --kills 2000`` kills a process that adds a result, adds recordings, assesses
-an axis, reprocesses it, makes a backup, migrates the schema or removes orphans. After each kill the store is
-verified, what was acknowledged must be there, and the same action must then succeed without doubling anything.
-``--database URL`` uses an empty database of PostgreSQL; ``--restart COMMAND`` restarts its server after each
-kill.
+``python -m benchmarks.store_kills --kills 2000`` kills a process that adds a result, adds recordings,
+reprocesses an axis, makes a backup, migrates the schema or removes orphans. After each kill the store is
+verified, what was acknowledged must be there, and the same action must then succeed without doubling
+anything. ``--database URL`` uses an empty database of PostgreSQL; ``--restart COMMAND`` restarts its server
+after each kill.
 """
 
 from __future__ import annotations
@@ -146,7 +146,9 @@ class Campaign:
         shutil.rmtree(self.folder / f"old{self.runs}", ignore_errors=True)
         if acknowledged:
             return "acknowledged before the kill"
-        return "complete without acknowledgement" if after == final else "not done"
+        if kind in ("backup", "gc", "migrate"):
+            return "not acknowledged"
+        return "complete, not acknowledged" if after == final else "not done"
 
     def check(self) -> None:
         """No fault in the store, nor in a backup that exists."""
@@ -159,10 +161,8 @@ class Campaign:
     def numbers(self) -> tuple[int, ...]:
         """Numbers of runs, results and raw files."""
         with self.store().read() as session:
-            counts = []
-            for table in (RunRow, ResultRow, RawFile):
-                counts.append(int(session.scalar(select(func.count()).select_from(table)) or 0))
-        return tuple(counts)
+            tables = (RunRow, ResultRow, RawFile)
+            return tuple(int(session.scalar(select(func.count()).select_from(each)) or 0) for each in tables)
 
 
 def migrated_copy(copy: Path, folder: Path) -> None:
@@ -272,8 +272,8 @@ def kill_all(
     Counter
         By action and outcome. A broken promise raises ``AssertionError``.
     """
-    analyze.examine = imitate_analysis
-    reprocessing.examine = imitate_analysis
+    for module in (analyze, reprocessing):
+        setattr(module, "examine", imitate_analysis)  # noqa: B010  mypy
     kinds = ["add a result", "add recordings", "add recordings", "reprocess", "backup", "gc", "migrate"]
     revision = adding.METHOD_REVISION
     folder = Path(tempfile.mkdtemp(prefix="ballscrew-kills-"))

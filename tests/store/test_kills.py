@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import pytest
-from benchmarks import store_kills
 
 from ballscrew.modal import analyze
 from ballscrew.store import database, migrating, reprocessing
+from benchmarks import store_kills
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 
 
 @pytest.fixture(autouse=True)
-def unchanged(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
     """The benchmark replaces these."""
     for module in (analyze, reprocessing):
         monkeypatch.setattr(module, "examine", module.examine)
-    yield
 
 
 def test_nothing_acknowledged_is_lost_and_nothing_doubled(new_url: Callable[[], str | None]) -> None:

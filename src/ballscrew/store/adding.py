@@ -210,7 +210,6 @@ def add_recordings(
     if known is not None:
         return known
     run = examine(job, options, progress=progress).run
-    run = Run.from_json(run.to_json(), path.name)  # as RUN.json has it: nine digits
     if sorted(file.sha256 for file in run.files) != sorted(hashes):
         raise InputError(f"{path}: its recordings have changed during the analysis; nothing was added.")
     texts = _document_texts(path, job)
@@ -275,7 +274,8 @@ def insert_run(session: Session, run: Run, revision: int = METHOD_REVISION) -> A
     if run.axis is None:
         raise InputError(f"{run.name}: names no axis; analyse it with a data sheet (--axis).")
     check_key("the run's id", run.id)
-    axis = axis_row(session, run.axis)
+    run = Run.from_json(run.to_json(), run.name)  # nine digits, as RUN.json has them
+    axis = axis_row(session, str(run.axis))
     row = session.scalar(select(RunRow).where(RunRow.run == run.id))
     content = pack(run.to_json())
     if row is None:
