@@ -79,3 +79,15 @@ CharacterDataHandler
 # Parts of typer that are replaced
 collect_usage_pieces
 display_type_rich
+
+# Columns that show, export and audits read, SQLAlchemy and Alembic
+show
+begun_at
+raised_at
+added_at
+received_at
+down_revision
+type_annotation_map
+_set_checksum
+_wait_for_writers
+_begin

@@ -16,7 +16,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.modal.amend import amend
 from ballscrew.store.adding import add_events, add_model, add_run
 from ballscrew.store.store import Store
-from ballscrew.store.tables import Alarm, Audit, Conflict, Correction, RunRow
+from ballscrew.store.tables import AlarmRow, Audit, Conflict, Correction, RunRow
 
 
 def test_monitor_of_a_store_is_that_of_its_files(store: Store) -> None:
@@ -51,7 +51,7 @@ def test_the_same_content_any_number_of_times_is_added_once(store: Store) -> Non
     store.monitor("bench")
     audits = count(store, Audit)
     store.monitor("bench")
-    assert (count(store, RunRow), count(store, Alarm)) == (rows[0], 1)
+    assert (count(store, RunRow), count(store, AlarmRow)) == (rows[0], 1)
     assert count(store, Audit) == audits
 
 

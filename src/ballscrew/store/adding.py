@@ -33,7 +33,7 @@ from ballscrew.store.tables import (
     Conflict,
     Document,
     EventRow,
-    Machine,
+    MachineRow,
     Method,
     Model,
     RawFile,
@@ -373,15 +373,15 @@ def _content(document: dict[str, Any]) -> dict[str, Any]:
     return document | {"run": document["run"] | {"files": files}, "made": made}
 
 
-def _agree(one: Any, other: Any) -> bool:
+def _agree(first: Any, other: Any) -> bool:
     """Whether two documents are equal but for the last digits of their numbers."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(_agree(one[key], other[key]) for key in one)
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(_agree, one, other))
-    if isinstance(one, float) and isinstance(other, float):
-        return math.isclose(one, other, rel_tol=_SAME, abs_tol=1e-12)
-    return bool(one == other)
+    if isinstance(first, dict) and isinstance(other, dict):
+        return first.keys() == other.keys() and all(_agree(first[key], other[key]) for key in first)
+    if isinstance(first, list) and isinstance(other, list):
+        return len(first) == len(other) and all(map(_agree, first, other))
+    if isinstance(first, float) and isinstance(other, float):
+        return math.isclose(first, other, rel_tol=_SAME, abs_tol=1e-12)
+    return bool(first == other)
 
 
 def _keep_file(session: Session, store: OpenStore, sha256: str, path: Path) -> None:
@@ -419,7 +419,7 @@ def _document_texts(path: Path, job: Job) -> dict[str, tuple[str, str]]:
 def _insert_source(
     session: Session, run: str, key: str, stated: Mapping[str, Any], texts: Mapping[str, tuple[str, str]]
 ) -> None:
-    row = session.scalars(select(RunRow).where(RunRow.run == run)).one()
+    row = session.scalars(select(RunRow).where(RunRow.run == run)).all()[0]
     for kind, (document, text) in texts.items():
         insert_document(session, kind, document, text, row.axis_id if kind == "axis" else None)
     if session.get(Source, key) is None:
@@ -551,12 +551,12 @@ def axis_row(session: Session, name: str) -> Axis:
     return row
 
 
-def _machine_row(session: Session, name: str, site: str) -> Machine:
-    row = session.scalar(select(Machine).where(Machine.name == name, Machine.site == site))
+def _machine_row(session: Session, name: str, site: str) -> MachineRow:
+    row = session.scalar(select(MachineRow).where(MachineRow.name == name, MachineRow.site == site))
     if row is None:
         check_key("the name of the machine", name)
         check_key("the name of the site", site)
-        row = Machine(name=name, site=site)
+        row = MachineRow(name=name, site=site)
         session.add(row)
         session.flush()
     return row

@@ -26,7 +26,7 @@ from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.store.folder import now
 from ballscrew.store.histories import StoredHistory, read_stored_history
 from ballscrew.store.opened import OpenStore, record
-from ballscrew.store.tables import Alarm, Assessment, Axis, EpochRow, StateRow
+from ballscrew.store.tables import AlarmRow, Assessment, Axis, EpochRow, StateRow
 
 _ATTEMPTS = 5  # runs may be added meanwhile
 _REASONS = 10  # of an assessment that are stored
@@ -259,7 +259,7 @@ def _set_design(row: StateRow, run: RunState, chart: Chart, index: int) -> None:
 def _update_alarms(session: Session, state: HealthState, axis: Axis) -> None:
     """Raise the alarms that are new, and retract those that no longer follow from the runs."""
     standing = set(_alarms(state))
-    for row in session.scalars(select(Alarm).where(Alarm.axis_id == axis.id)):
+    for row in session.scalars(select(AlarmRow).where(AlarmRow.axis_id == axis.id)):
         key = (row.epoch, row.began_at)
         if key in standing:
             standing.discard(key)
@@ -271,7 +271,7 @@ def _update_alarms(session: Session, state: HealthState, axis: Axis) -> None:
             record(session, "retract", f"alarm of {axis.name}", began_at=row.began_at)
     for epoch, began_at in sorted(standing):
         session.add(
-            Alarm(axis_id=axis.id, epoch=epoch, began_at=began_at, raised_at=now(), retracted_at=None)
+            AlarmRow(axis_id=axis.id, epoch=epoch, began_at=began_at, raised_at=now(), retracted_at=None)
         )
         record(session, "raise", f"alarm of {axis.name}", began_at=began_at)
 

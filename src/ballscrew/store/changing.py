@@ -97,7 +97,7 @@ def amend_result(
         Id of the corrected run.
     """
     found = select(ResultRow).where(ResultRow.run_id == row.id, ResultRow.method_id == method.id)
-    former = Run.from_json(unpack(session.scalars(found).one().document), f"run {row.run[:12]}")
+    former = Run.from_json(unpack(session.scalars(found).all()[0].document), f"run {row.run[:12]}")
     axis, plan = None, None
     if mass is not None:
         axis = _document(session, former, "axis", read_axis)
@@ -134,7 +134,7 @@ def _document(session: Session, run: Run, kind: str, read: Callable[[Path], Any]
 
 def _record_corrections(session: Session, former: RunRow, new: str, reason: str) -> None:
     """Rows of the values that differ between a run and its correction."""
-    row = session.scalars(select(RunRow).where(RunRow.run == new)).one()
+    row = session.scalars(select(RunRow).where(RunRow.run == new)).all()[0]
     changed: dict[str, Any] = {}
     for field in ("measured_at", "mass_kg"):
         old, value = getattr(former, field), getattr(row, field)

@@ -157,9 +157,9 @@ def _has_its_rows(session: Session, result: ResultRow, run: RunRow) -> bool:
     made = cell_rows(document, result.id)
     if len(stored) != len(made):
         return False
-    for one, other in zip(stored, made, strict=True):
-        session.expunge(one)
-        if any(getattr(one, name) != getattr(other, name) for name in names):
+    for found, expected in zip(stored, made, strict=True):
+        session.expunge(found)
+        if any(getattr(found, name) != getattr(expected, name) for name in names):
             return False
     recordings = session.scalars(
         select(RecordingRow).where(RecordingRow.run_id == run.id).order_by(RecordingRow.place)
@@ -170,8 +170,8 @@ def _has_its_rows(session: Session, result: ResultRow, run: RunRow) -> bool:
 
 def _file_faults(session: Session, folder: DataFolder, counts: list[int]) -> Iterator[str]:
     """Faults of raw files: missing, or of another content."""
-    kept = select(RawFile).where(RawFile.archived_to.is_(None)).order_by(RawFile.sha256)
-    for row in session.scalars(kept.execution_options(yield_per=_BATCH)):
+    stored = select(RawFile).where(RawFile.archived_to.is_(None)).order_by(RawFile.sha256)
+    for row in session.scalars(stored.execution_options(yield_per=_BATCH)):
         counts[1] += 1
         path = path_of(folder.files, row.sha256, row.compression)
         name = path.relative_to(folder.path)

@@ -27,7 +27,7 @@ from ballscrew.store.opened import OpenStore, record, tables
 from ballscrew.store.raw_files import clone_file, copy_out, path_of, sync_folder
 from ballscrew.store.reading import current_rows, find_axis, find_method
 from ballscrew.store.tables import (
-    Alarm,
+    AlarmRow,
     Axis,
     Document,
     EpochRow,
@@ -73,7 +73,7 @@ def backup(store: OpenStore, to: str | Path) -> Path:
             copy = DataFolder(temporary)
             copy.files.mkdir()
             _copy_database(store, copy.sqlite)
-            _copy_files(_kept_files(copy.sqlite), store.folder, copy.files)
+            _copy_files(_stored_files(copy.sqlite), store.folder, copy.files)
             copy.create(None)
             return Path(to)
     raise InputError(f"{store.path}: files are archived all the time; try again.")
@@ -131,7 +131,7 @@ def _copy_rows(source: Connection, target: Connection) -> None:
             target.execute(text(f"SELECT setval({sequence}, {newest}) WHERE {newest} IS NOT NULL"))
 
 
-def _kept_files(database: Path) -> list[tuple[str, str]]:
+def _stored_files(database: Path) -> list[tuple[str, str]]:
     """Hash and compression of the raw files that are in a store with SQLite."""
     engine = create_engine(sqlite_url(database))
     with Session(engine) as session:
@@ -191,7 +191,7 @@ def restore(backup_folder: str | Path, to: str | Path, *, database: str | None =
     with translated(to), _new_folder(Path(to)) as temporary:
         copy = DataFolder(temporary)
         copy.files.mkdir()
-        _copy_files(_kept_files(source.folder.sqlite), source.folder, copy.files)
+        _copy_files(_stored_files(source.folder.sqlite), source.folder, copy.files)
         engine = make_engine(database, writing=True)
         with source.engine(writing=False).connect() as rows, engine.begin() as connection:
             upgrade(connection, to, new=True)
@@ -254,7 +254,7 @@ def _dispensable(session: Session, axis: Axis, newest: int) -> list[RawFile]:
     rows = session.scalars(
         select(RunRow).where(RunRow.axis_id == axis.id).order_by(RunRow.time, RunRow.run)
     ).all()
-    begun = set(session.scalars(select(Alarm.began_at).where(Alarm.axis_id == axis.id)))
+    begun = set(session.scalars(select(AlarmRow.began_at).where(AlarmRow.axis_id == axis.id)))
     references = set(session.scalars(select(EpochRow.reference).where(EpochRow.axis_id == axis.id)))
     stay = set()
     for place, row in enumerate(rows):

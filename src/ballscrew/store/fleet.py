@@ -27,7 +27,7 @@ from ballscrew.store.tables import (
     Assessment,
     CellRow,
     EpochRow,
-    Machine,
+    MachineRow,
     Model,
     RecordingRow,
     ResultRow,
@@ -105,7 +105,7 @@ def _add_axis(
     axis = axis_row(session, name)
     if axis.machine_id is not None:
         raise InputError(f"the store has the axis {name!r} already; give another seed.")
-    machine = Machine(site=f"site {index // _AXES_OF_A_SITE}", name=f"machine of {name}")
+    machine = MachineRow(site=f"site {index // _AXES_OF_A_SITE}", name=f"machine of {name}")
     model = Model(digest=digest(name), axis_id=axis.id, document=pack({"axis": name}), added_at=now())
     session.add_all([machine, model])
     template = _template(name, cells)

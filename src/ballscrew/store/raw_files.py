@@ -18,7 +18,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.files import open_regular
 
 _BLOCK = 1 << 20
-_WORTH_IT = 0.9  # compressed over plain size of the first block, from which on a file is stored as it is
+_LEAST_GAIN = 0.9  # compressed over plain size of the first block, from which on a file is stored as it is
 _LEVEL = 3  # of zstd: 300 MB/s
 INCOMING = ".incoming-"
 """Beginning of the names of files that are being written."""
@@ -82,6 +82,7 @@ def put_file(folder: Path, source: Path, sha256: str) -> StoredFile:
             with os.fdopen(handle, "wb") as target:
                 found, size, compression = _copy(stream, target)
                 target.flush()
+                Path(name).chmod(0o644)  # who may read the folder may read its files
                 os.fsync(target.fileno())  # an error is final: the kernel has dropped the data
         if found != sha256:
             raise InputError(f"{source}: has changed since it was analysed; nothing was added.")
@@ -107,7 +108,7 @@ def _copy(stream: BinaryIO, target: BinaryIO) -> tuple[str, int, str]:
     compressor = zstandard.ZstdCompressor(level=_LEVEL, write_checksum=True)
     compression = "none"
     writer = None
-    if len(compressor.compress(block)) < _WORTH_IT * len(block):
+    if len(compressor.compress(block)) < _LEAST_GAIN * len(block):
         compression = "zstd"
         writer = compressor.stream_writer(target, closefd=False)
     while block:
@@ -146,6 +147,7 @@ def clone_file(source: Path, folder: Path, sha256: str, compression: str) -> Non
             with os.fdopen(handle, "wb") as target:
                 shutil.copyfileobj(stream, target, _BLOCK)
                 target.flush()
+                Path(name).chmod(0o644)
                 os.fsync(target.fileno())
         if hash_of(Path(name), compression) != sha256:
             raise InputError(f"{source}: the content is not that of its hash: it is damaged.")

@@ -16,13 +16,13 @@ from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.tables import (
-    Alarm,
+    AlarmRow,
     Assessment,
     Axis,
     EpochRow,
     EventRow,
     Exclusion,
-    Machine,
+    MachineRow,
     Method,
     Model,
     ResultRow,
@@ -185,10 +185,10 @@ def list_axes(store: OpenStore) -> dict[str, Any]:
     """
     with store.read() as session:
         found = session.execute(
-            select(Axis.name, Machine.site, Machine.name, Assessment)
-            .outerjoin(Machine, Machine.id == Axis.machine_id)
+            select(Axis.name, MachineRow.site, MachineRow.name, Assessment)
+            .outerjoin(MachineRow, MachineRow.id == Axis.machine_id)
             .outerjoin(Assessment, Assessment.id == Axis.assessment_id)
-            .order_by(Machine.site, Machine.name, Axis.name)
+            .order_by(MachineRow.site, MachineRow.name, Axis.name)
         ).all()
         counted = select(Axis.name, func.count(RunRow.id), func.max(RunRow.time))
         counts = {}
@@ -246,7 +246,9 @@ def show_axis(store: OpenStore, name: str) -> dict[str, Any]:
         if axis.assessment_id is not None:
             assessment = session.get(Assessment, axis.assessment_id)
         method = find_method(session, axis)
-        alarms = session.scalars(select(Alarm).where(Alarm.axis_id == axis.id).order_by(Alarm.id)).all()
+        alarms = session.scalars(
+            select(AlarmRow).where(AlarmRow.axis_id == axis.id).order_by(AlarmRow.id)
+        ).all()
         of_run, of_event = Exclusion.run_id == RunRow.id, Exclusion.event_id == EventRow.id
         excluded = session.execute(
             select(RunRow.run, EventRow.digest, Exclusion)

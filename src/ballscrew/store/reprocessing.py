@@ -263,20 +263,27 @@ def _amend_corrected(session: Session, names: Iterable[str], options: AnalysisOp
     if target is None:
         return
     known = set(session.scalars(select(ResultRow.run_id).where(ResultRow.method_id == target.id)))
+    former = aliased(RunRow)
     for name in names:
-        rows = session.scalars(
-            select(RunRow).where(RunRow.axis_id == find_axis(session, name).id).order_by(RunRow.id)
-        ).all()
-        by_run = {row.run: row for row in rows}
-        for row in rows:  # a correction comes after what it corrects
-            former = by_run.get(row.supersedes or "")
-            if former is not None and former.id in known and row.id not in known:
-                mass = None if row.mass_kg == former.mass_kg else row.mass_kg
-                time = row.measured_at
-                if mass is not None and time == former.measured_at:
-                    time = None
-                amend_result(session, former, target, measured_at=time, mass=mass)
-                known.add(row.id)
+        pairs = (
+            select(former, RunRow)
+            .join(RunRow, RunRow.supersedes == former.run)
+            .where(RunRow.axis_id == find_axis(session, name).id)
+            .order_by(RunRow.id)  # a correction comes after what it corrects
+        )
+        for old, new in session.execute(pairs).all():
+            if old.id in known and new.id not in known:
+                _amend_like(session, old, new, target)
+                known.add(new.id)
+
+
+def _amend_like(session: Session, old: RunRow, new: RunRow, method: Method) -> None:
+    """Result of a corrected run, by the same correction as before."""
+    mass = None if new.mass_kg == old.mass_kg else new.mass_kg
+    measured_at = new.measured_at
+    if mass is not None and measured_at == old.measured_at:
+        measured_at = None
+    amend_result(session, old, method, measured_at=measured_at, mass=mass)
 
 
 def _compare(session: Session, axis: Axis, options: AnalysisOptions) -> dict[str, Any]:
@@ -290,18 +297,18 @@ def _compare(session: Session, axis: Axis, options: AnalysisOptions) -> dict[str
     document["old"] = {"method": old.name, "revision": old.revision}
     document["new"] = {"method": new.name, "revision": new.revision}
     document["missing"] = len(_missing(session, axis, new))
-    one, other = aliased(ResultRow), aliased(ResultRow)
+    before, after = aliased(ResultRow), aliased(ResultRow)
     pairs = (
-        select(one, other)
-        .join(other, other.run_id == one.run_id)
-        .join(RunRow, RunRow.id == one.run_id)
-        .where(RunRow.axis_id == axis.id, one.method_id == old.id, other.method_id == new.id)
+        select(before, after)
+        .join(after, after.run_id == before.run_id)
+        .join(RunRow, RunRow.id == before.run_id)
+        .where(RunRow.axis_id == axis.id, before.method_id == old.id, after.method_id == new.id)
     )
     changes: list[float] = []
-    for before, after in session.execute(pairs):
+    for former, current in session.execute(pairs):
         document["runs"] += 1
-        document["verdict_changes"] += before.verdict != after.verdict
-        changes += _relative_changes(_cells(session, before), _cells(session, after))
+        document["verdict_changes"] += former.verdict != current.verdict
+        changes += _relative_changes(_cells(session, former), _cells(session, current))
     document["cells"] = len(changes)
     if changes:
         document["median_change"] = float(np.median(np.abs(changes)))

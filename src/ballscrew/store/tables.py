@@ -96,7 +96,7 @@ def _set_checksum(mapper: Mapper[Any], connection: Any, row: Any) -> None:  # no
     row.checksum = checksum_of(row)
 
 
-class Machine(Checked, Base):
+class MachineRow(Checked, Base):
     """A machine, at a site."""
 
     __tablename__ = "machines"
@@ -333,7 +333,7 @@ class StateRow(Checked, Base):
     reasons: Mapped[list[Any] | None]
 
 
-class Alarm(Checked, Base):
+class AlarmRow(Checked, Base):
     """An alarm that was raised; one that no longer follows from the runs is retracted, never deleted."""
 
     __tablename__ = "alarms"

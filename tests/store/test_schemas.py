@@ -1,0 +1,29 @@
+"""Stores of every schema are migrated, and give the answers that they gave."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from ballscrew.store.store import Store
+from ballscrew.store.tables import SCHEMA
+
+SCHEMAS = sorted(Path(__file__).parent.glob("schema-*"))
+
+
+def test_there_is_a_store_of_this_schema() -> None:
+    assert SCHEMAS[-1].name == f"schema-{SCHEMA}"
+
+
+@pytest.mark.parametrize("folder", SCHEMAS, ids=lambda path: path.name)
+def test_a_store_of_an_earlier_schema_gives_its_answers(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder, tmp_path / "store")
+    expected = json.loads((folder / "answers.json").read_text(encoding="utf-8"))
+    assert Store.migrate(tmp_path / "store") == folder.name.removeprefix("schema-")
+    store = Store(tmp_path / "store")
+    assert store.verify(store.path).faults == ()
+    assert [store.show("bench"), store.list()] == expected
+    assert store.monitor("bench").monitored.state.axis == "bench"
