@@ -230,6 +230,12 @@ def _run(identity: str, files: Any, measured_at: str | None, options: AnalysisOp
     )  # fmt: skip
 
 
+def add_stand_ins() -> None:
+    """Replace the analysis by one that takes no time."""
+    for module in (analyze, reprocessing):
+        setattr(module, "examine", imitate_analysis)  # noqa: B010  mypy
+
+
 def imitate_analysis(job: Job, options: AnalysisOptions, **_: Any) -> Analysis:
     """Run of a job, without an analysis."""
     files = tuple(FileRef(Path(str(file)).name, hash_file(str(file))) for file in job.files)
@@ -272,8 +278,7 @@ def kill_all(
     Counter
         By action and outcome. A broken promise raises ``AssertionError``.
     """
-    for module in (analyze, reprocessing):
-        setattr(module, "examine", imitate_analysis)  # noqa: B010  mypy
+    add_stand_ins()
     kinds = ["add a result", "add recordings", "add recordings", "reprocess", "backup", "gc", "migrate"]
     revision = adding.METHOD_REVISION
     folder = Path(tempfile.mkdtemp(prefix="ballscrew-kills-"))
