@@ -287,7 +287,7 @@ def kill_all(
     try:
         (folder / "0").mkdir()
         campaign = Campaign(folder / "0", url, chance, restart)
-        while outcomes.total() - sum(outcomes[kind, "not killed"] for kind in kinds) < kills:
+        while sum(number for (_, outcome), number in outcomes.items() if outcome != "not killed") < kills:
             kind = chance.choice(kinds)
             outcomes[kind, campaign.kill_once(kind)] += 1
             if (

@@ -44,7 +44,7 @@ def act(kind: str, folder: Path) -> None:
     """Do what is recorded."""
     add_stand_ins()
     if _NO_FSYNC in os.environ:
-        os.fsync = lambda _: None
+        setattr(os, "fsync", lambda _: None)  # noqa: B010  mypy
     path = folder / "store"
     actions: dict[str, Callable[[], object]] = {
         "init": lambda: create_store(folder / "new"),

@@ -24,8 +24,9 @@ from ballscrew.prognosis.duty import DutyRecord
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.store.folder import now
-from ballscrew.store.histories import StoredHistory, read_stored_history
+from ballscrew.store.histories import StoredHistory, history_key, read_stored_history
 from ballscrew.store.opened import OpenStore, record
+from ballscrew.store.reading import find_axis
 from ballscrew.store.tables import AlarmRow, Assessment, Axis, EpochRow, StateRow
 
 _ATTEMPTS = 5  # runs may be added meanwhile
@@ -104,25 +105,11 @@ def monitor_axis(
             accept=accept,
         )
         with store.write("monitor --store") as session:
-            inputs = _inputs(history, stated)
-            if _inputs(read_stored_history(session, axis), stated) == inputs:
+            if history_key(session, find_axis(session, axis)) == history.key:
+                inputs = digest({"history": history.key, "version": __version__, "stated": plain(stated)})
                 _store(session, history, monitored, inputs, stated)
                 return StoredAssessment(monitored, history.runs, _notes(history))
     raise InputError(f"{store.path}: runs of {axis} are added all the time; try again.")
-
-
-def _inputs(history: StoredHistory, stated: dict[str, Any]) -> str:
-    """Digest of all that an assessment depends on."""
-    runs = {run.id: digest(run.to_json()) for run in history.runs}
-    return digest(
-        {
-            "runs": runs,
-            "events": [asdict(event) for event in history.events],
-            "model": history.model_digest,
-            "version": __version__,
-            "stated": plain(stated),
-        }
-    )
 
 
 def _notes(history: StoredHistory) -> tuple[str, ...]:

@@ -100,9 +100,16 @@ def verify(path: str | Path) -> Verification:
         with store.read() as session:
             for fault in _row_faults(session, counts):
                 faults.append(fault)
-            for fault in _file_faults(session, folder, counts):
-                faults.append(fault)
+            files = session.execute(
+                select(RawFile.sha256, RawFile.compression)
+                .where(RawFile.archived_to.is_(None))
+                .order_by(RawFile.sha256)
+            ).all()
             orphans = [str(orphan.relative_to(folder.path)) for orphan in _orphans(session, folder)]
+        # Without an open reader: it takes hours for many files, and others add meanwhile.
+        counts[1] = len(files)
+        for sha256, compression in files:
+            faults += _file_faults(store, sha256, compression)
     except InputError as error:
         if not faults and not re.search("damaged|contains no store", str(error)):
             raise
@@ -168,22 +175,22 @@ def _has_its_rows(session: Session, result: ResultRow, run: RunRow) -> bool:
     return document.id == run.run and hashes == sorted(file.sha256 for file in document.files)
 
 
-def _file_faults(session: Session, folder: DataFolder, counts: list[int]) -> Iterator[str]:
-    """Faults of raw files: missing, or of another content."""
-    stored = select(RawFile).where(RawFile.archived_to.is_(None)).order_by(RawFile.sha256)
-    for row in session.scalars(stored.execution_options(yield_per=_BATCH)):
-        counts[1] += 1
-        path = path_of(folder.files, row.sha256, row.compression)
-        name = path.relative_to(folder.path)
-        if not path.is_file():
-            yield f"{name}: the file is missing"
-            continue
-        try:
-            if hash_of(path, row.compression) != row.sha256:
-                yield f"{name}: the content is not that of its hash"
-        except InputError:
-            yield f"{name}: the file cannot be read"
-        session.expunge(row)
+def _file_faults(store: OpenStore, sha256: str, compression: str) -> list[str]:
+    """Fault of a raw file: missing, or of another content."""
+    path = path_of(store.folder.files, sha256, compression)
+    name = path.relative_to(store.path)
+    try:
+        if hash_of(path, compression) == sha256:
+            return []
+        return [f"{name}: the content is not that of its hash"]
+    except InputError:
+        if path.exists():
+            return [f"{name}: the file cannot be read"]
+    with store.read() as session:
+        row = session.get(RawFile, sha256)
+    if row is None or row.archived_to is None:
+        return [f"{name}: the file is missing"]
+    return []
 
 
 def _orphans(session: Session, folder: DataFolder) -> list[Path]:

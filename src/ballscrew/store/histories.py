@@ -8,6 +8,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError, shown
+from ballscrew.base.provenance import digest
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.modelfile import model_from_json
 from ballscrew.modal.run import Run
@@ -36,6 +37,8 @@ class StoredHistory:
         Number of each of their rows, by id.
     events : tuple of Event
         By time, without excluded ones.
+    key : str
+        Digest of what it is made from, see :func:`history_key`.
     missing : int
         Runs without a result by the method.
     untimed : int
@@ -49,6 +52,7 @@ class StoredHistory:
     runs: tuple[Run, ...]
     rows: dict[str, int]
     events: tuple[Event, ...]
+    key: str
     missing: int
     untimed: int
 
@@ -95,6 +99,7 @@ def read_stored_history(session: Session, name: str) -> StoredHistory:
         runs=tuple(runs),
         rows=rows,
         events=current_events(session, axis),
+        key=history_key(session, axis),
         missing=len(timed) - len(runs),
         untimed=len(current) - len(timed),
     )
@@ -108,6 +113,22 @@ def result_documents(session: Session, axis: Axis, method: Method) -> dict[int, 
         .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
     )
     return {number: document for number, document in found}  # noqa: C416  rows are no pairs to mypy
+
+
+def history_key(session: Session, axis: Axis) -> str:
+    """Digest of what the history of an axis is made from, without reading its documents."""
+    method = find_method(session, axis)
+    checksums: dict[int, int] = {}
+    if method is not None:
+        found = session.execute(
+            select(ResultRow.run_id, ResultRow.checksum)
+            .join(RunRow, RunRow.id == ResultRow.run_id)
+            .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
+        )
+        checksums = {number: checksum for number, checksum in found}  # noqa: C416
+    runs = [(row.run, checksums.get(row.id)) for row in current_rows(session, axis)]
+    events = [(event.at, event.kind, event.text) for event in current_events(session, axis)]
+    return digest({"runs": runs, "events": events, "model": find_model(session, axis).digest})
 
 
 def current_events(session: Session, axis: Axis) -> tuple[Event, ...]:

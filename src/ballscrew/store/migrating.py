@@ -104,7 +104,10 @@ def _migrate_copy(folder: DataFolder) -> None:
     if faults:
         raise InputError(f"{folder.path}: the migration was abandoned: {faults[0]}.")
     settle(copy)
-    copy.replace(folder.sqlite)
+    try:
+        copy.replace(folder.sqlite)
+    except OSError:  # on Windows, while another process has it open
+        raise InputError(f"{folder.path}: the store is being read; try again.") from None
     sync_folder(folder.path)
 
 
