@@ -17,6 +17,7 @@ import signal
 import subprocess
 import tempfile
 import time
+import traceback
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -118,6 +119,7 @@ class Campaign:
         """Migration of a copy of the store with SQLite."""
         copy = self.folder / f"old{number}"
         backup(self.store(), copy)
+        later_migrations(self.folder)
         return lambda: migrated_copy(copy, self.folder)
 
     def kill_once(self, kind: str) -> str:
@@ -168,17 +170,22 @@ class Campaign:
 def migrated_copy(copy: Path, folder: Path) -> None:
     """Migrate a store to a later schema; it has one of the two at any time."""
     found = verify_schema(copy)
-    later = folder / "migrations"
-    if not later.exists():
-        shutil.copytree(migrating._MIGRATIONS, later)
-        (later / "versions" / "0002_later.py").write_text(_LATER)
     assert found in ("0001", "0002"), found
-    migrating._MIGRATIONS = later
+    migrating._MIGRATIONS = later_migrations(folder)
     for module in (database, migrating):
         module.SCHEMA, module.SCHEMAS = "0002", ("0001", "0002")  # type: ignore[attr-defined]
     migrate(copy)
     assert verify_schema(copy) == "0002"
     assert migrating.sqlite_faults(copy / "store.sqlite") == []
+
+
+def later_migrations(folder: Path) -> Path:
+    """Migrations of a version with another schema."""
+    later = folder / "migrations"
+    if not later.exists():
+        shutil.copytree(migrating._MIGRATIONS, later)
+        (later / "versions" / "0002_later.py").write_text(_LATER)
+    return later
 
 
 def verify_schema(folder: Path) -> str | None:
@@ -199,6 +206,9 @@ def run_in_process(action: Callable[[], object], delay: float | None) -> bool:
             action()
             os.write(writer, b"done")
             status = 0
+        except BaseException:
+            traceback.print_exc()
+            raise
         finally:
             os._exit(status)
     os.close(writer)

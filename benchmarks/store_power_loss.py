@@ -29,7 +29,14 @@ from ballscrew.store.copying import archive, backup
 from ballscrew.store.opened import OpenStore, create_store
 from ballscrew.store.reprocessing import reprocess
 from ballscrew.store.tables import RunRow
-from benchmarks.store_kills import add_stand_ins, made_run, migrated_copy, verify_schema, write_recordings
+from benchmarks.store_kills import (
+    add_stand_ins,
+    later_migrations,
+    made_run,
+    migrated_copy,
+    verify_schema,
+    write_recordings,
+)
 
 CALLS = (
     "openat,open,creat,write,pwrite64,fsync,fdatasync,rename,renameat,renameat2,unlink,unlinkat,ftruncate,"
@@ -71,6 +78,7 @@ def prepare(folder: Path) -> None:
         add_run(store, made_run(number))
     add(store, write_recordings(folder / "run", 50, chance))
     write_recordings(folder / "recordings", 51, chance)
+    later_migrations(folder)
     (folder / "store" / "files" / ".incoming-x").write_bytes(b"orphan")
 
 

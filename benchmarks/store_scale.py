@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import argparse
 import shutil
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -52,6 +54,19 @@ def size_of(store: OpenStore) -> int:
         return int(session.scalar(text("SELECT pg_database_size(current_database())")) or 0)
 
 
+def measure(store: OpenStore) -> None:
+    """Print how long it takes to read and to add."""
+    with store.read() as session:
+        names = list(session.scalars(select(Axis.name).order_by(Axis.name)))
+        template = Run.from_json(unpack(session.scalars(select(ResultRow.document).limit(1)).all()[0]))
+    order = np.random.default_rng(1).integers(0, len(names), _REPEATS)
+    print("trend of an axis:", milliseconds(lambda k: read_trend(store, names[order[k]]), _REPEATS))
+    print("axis with all it has:", milliseconds(lambda k: show_axis(store, names[order[k]]), _REPEATS))
+    print("fleet overview:", milliseconds(lambda _: list_axes(store), 100))
+    new = [replace(template, id=f"new {number}") for number in range(100)]
+    print("add of a run:", milliseconds(lambda k: add_run(store, new[k]), 100), flush=True)
+
+
 def main() -> None:
     """Fill a store and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -60,7 +75,11 @@ def main() -> None:
     parser.add_argument("--runs-per-week", type=float, default=1.0)
     parser.add_argument("--cells", type=int, default=40)
     parser.add_argument("--database")
+    parser.add_argument("--store", type=Path, help="store that was filled before")
     given = parser.parse_args()
+    if given.store:
+        measure(OpenStore(given.store))
+        return
     folder = Path(tempfile.mkdtemp(prefix="ballscrew-scale-"))
     try:
         store = create_store(folder / "store", database=given.database)
@@ -72,15 +91,9 @@ def main() -> None:
         print(f"filled in {time.perf_counter() - begin:.0f} s", flush=True)
         size = size_of(store)
         print(f"size {size / 1e9:.2f} GB, {size / rows['runs']:.0f} bytes a run", flush=True)
-        with store.read() as session:
-            names = list(session.scalars(select(Axis.name).order_by(Axis.name)))
-            template = Run.from_json(unpack(session.scalars(select(ResultRow.document).limit(1)).one()))
-        order = np.random.default_rng(1).integers(0, len(names), _REPEATS)
-        print("trend of an axis:", milliseconds(lambda k: read_trend(store, names[order[k]]), _REPEATS))
-        print("axis with all it has:", milliseconds(lambda k: show_axis(store, names[order[k]]), _REPEATS))
-        print("fleet overview:", milliseconds(lambda _: list_axes(store), 100))
-        new = [replace(template, id=f"new {number}") for number in range(100)]
-        print("add of a run:", milliseconds(lambda k: add_run(store, new[k]), 100), flush=True)
+        # In a new process: the garbage of this one would be collected meanwhile.
+        command = [sys.executable, "-m", "benchmarks.store_scale", "--store", str(store.path)]
+        subprocess.run(command, check=True)  # noqa: S603
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -342,6 +342,7 @@ def _insert_run_row(session: Session, run: Run, axis: Axis) -> RunRow:
         received_at=now(),
     )
     session.add(row)
+    axis.runs += 1
     session.flush()
     for place, file in enumerate(run.files):
         check_key("the hash of a recording", file.sha256)
@@ -545,7 +546,7 @@ def axis_row(session: Session, name: str) -> Axis:
     row = session.scalar(select(Axis).where(Axis.name == name))
     if row is None:
         check_key("the name of the axis", name)
-        row = Axis(name=name)
+        row = Axis(name=name, runs=0)
         session.add(row)
         session.flush()
     return row

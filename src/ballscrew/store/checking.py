@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import inspect, select
+from sqlalchemy import func, inspect, select
 from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError
@@ -136,8 +136,12 @@ def _row_faults(session: Session, counts: list[int]) -> Iterator[str]:
     for result, run in session.execute(query.execution_options(yield_per=_BATCH)):
         if not _has_its_rows(session, result, run):
             yield f"database: cells or recordings of the run {run.run[:12]} are not those of its result"
-    digests = select(Axis.name, Axis.assessment_id, Axis.model_digest)
-    for name, assessment, model in session.execute(digests):
+    counted = select(RunRow.axis_id, func.count()).group_by(RunRow.axis_id)
+    numbers = {axis: number for axis, number in session.execute(counted)}  # noqa: C416
+    axes = select(Axis.id, Axis.name, Axis.runs, Axis.assessment_id, Axis.model_digest)
+    for axis, name, runs, assessment, model in session.execute(axes):
+        if runs != numbers.get(axis, 0):
+            yield f"database: runs of the axis {name} are missing"
         if not _exists(session, "assessments", "id", assessment) or not _exists(
             session, "models", "digest", model
         ):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import sqlite3
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -19,7 +18,7 @@ from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.provenance import digest
 from ballscrew.store.checking import verify
-from ballscrew.store.database import make_engine, sqlite_url, translated
+from ballscrew.store.database import connect_sqlite, make_engine, sqlite_url, translated
 from ballscrew.store.folder import DataFolder
 from ballscrew.store.histories import current_events
 from ballscrew.store.migrating import copy_sqlite, settle, upgrade
@@ -105,7 +104,7 @@ def _new_folder(final: Path) -> Iterator[Path]:
 def _copy_database(store: OpenStore, target: Path) -> None:
     """Copy all rows into a new SQLite database."""
     if store.folder.database_url() is None:
-        source = sqlite3.connect(f"{store.folder.sqlite.resolve().as_uri()}?mode=ro", uri=True)
+        source = connect_sqlite(store.folder.sqlite)
         try:
             copy_sqlite(source, target)
         finally:

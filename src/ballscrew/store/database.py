@@ -85,16 +85,8 @@ def make_engine(url: str, *, writing: bool) -> Engine:
 
 
 def _sqlite_engine(path: str, *, writing: bool) -> Engine:
-    mode = "rw" if writing else "ro"
-    if not writing and not os.access(Path(path).parent, os.W_OK):
-        mode = "ro&immutable=1"  # without the files of the write-ahead log
-    address = f"{Path(path).resolve().as_uri()}?mode={mode}"
-
     def connect() -> sqlite3.Connection:
-        # SQLAlchemy begins transactions, see below; Python's sqlite3 would begin others.
-        connection = sqlite3.connect(address, uri=True, isolation_level=None, check_same_thread=False)
-        connection.execute(f"PRAGMA busy_timeout = {_BUSY}")
-        connection.execute("PRAGMA foreign_keys = ON")
+        connection = connect_sqlite(Path(path), writing=writing)
         if writing:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = FULL")
@@ -109,6 +101,37 @@ def _sqlite_engine(path: str, *, writing: bool) -> Engine:
         connection.exec_driver_sql("BEGIN IMMEDIATE" if writing else "BEGIN")
 
     return engine
+
+
+def connect_sqlite(path: Path, *, writing: bool = False) -> sqlite3.Connection:
+    """Connection to a SQLite database.
+
+    Parameters
+    ----------
+    path : Path
+        The database, which must exist.
+    writing : bool
+        Whether it may write.
+
+    Returns
+    -------
+    sqlite3.Connection
+        A reader too opens a database so that it can roll back what a killed process left half written.
+    """
+    mode = "rw"
+    if not os.access(path.parent, os.W_OK):
+        log = path.with_name(f"{path.name}-wal")
+        mode = "ro&immutable=1"  # without a write-ahead log, which cannot be created
+        if log.exists() and log.stat().st_size > 0:
+            mode = "ro"
+    address = f"{path.resolve().as_uri()}?mode={mode}"
+    # SQLAlchemy begins the transactions; Python's sqlite3 would begin others.
+    connection = sqlite3.connect(address, uri=True, isolation_level=None, check_same_thread=False)
+    connection.execute(f"PRAGMA busy_timeout = {_BUSY}")
+    connection.execute("PRAGMA foreign_keys = ON")
+    if not writing:
+        connection.execute("PRAGMA query_only = ON")
+    return connection
 
 
 @contextmanager

@@ -111,7 +111,7 @@ def _add_axis(
     template = _template(name, cells)
     method = method_row(session, template, 1)
     session.flush()
-    axis.machine_id, axis.method_id = machine.id, method.id
+    axis.machine_id, axis.method_id, axis.runs = machine.id, method.id, len(days)
     level = np.where(days > 0.8 * days[-1], (days - 0.8 * days[-1]) * 2e-5, 0.0)
     level = level + 1e-4 * random.standard_normal(len(days))
     frequency = _FREQUENCY * (1 - 0.1 * level[:, None]) + _SPREAD * random.standard_normal((len(days), cells))

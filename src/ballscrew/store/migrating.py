@@ -11,7 +11,7 @@ from alembic.config import Config
 from sqlalchemy import Connection
 
 from ballscrew.base.errors import InputError
-from ballscrew.store.database import make_engine, schema_of, sqlite_url, translated
+from ballscrew.store.database import connect_sqlite, make_engine, schema_of, sqlite_url, translated
 from ballscrew.store.folder import DataFolder
 from ballscrew.store.raw_files import sync_folder
 from ballscrew.store.tables import SCHEMA, SCHEMAS
@@ -88,10 +88,9 @@ def _migrate_copy(folder: DataFolder) -> None:
     copy = folder.path / "store.migrating"
     for name in (copy.name, f"{copy.name}-wal", f"{copy.name}-journal"):
         (folder.path / name).unlink(missing_ok=True)  # of a migration that was killed
-    source = sqlite3.connect(folder.sqlite, isolation_level=None)
+    source = connect_sqlite(folder.sqlite, writing=True)
     try:
         # The old database must have no write-ahead log, which would be applied to the new one.
-        source.execute("PRAGMA busy_timeout = 60000")
         if source.execute("PRAGMA journal_mode = DELETE").fetchone()[0] != "delete":
             raise InputError(f"{folder.path}: the store is being read; try again.")
         copy_sqlite(source, copy)
@@ -122,9 +121,10 @@ def copy_sqlite(source: sqlite3.Connection, target: Path) -> None:
 
 def sqlite_faults(path: Path) -> list[str]:
     """Faults of a SQLite database by its own checks."""
-    connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)
     faults = []
+    connection = None
     try:
+        connection = connect_sqlite(path)
         for (line,) in connection.execute("PRAGMA integrity_check(20)"):
             if line != "ok":
                 faults.append(f"database: {line}")
@@ -133,7 +133,8 @@ def sqlite_faults(path: Path) -> list[str]:
     except sqlite3.DatabaseError as error:
         faults.append(f"database: {error}")
     finally:
-        connection.close()
+        if connection is not None:
+            connection.close()
     return faults
 
 

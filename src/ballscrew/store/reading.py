@@ -185,20 +185,14 @@ def list_axes(store: OpenStore) -> dict[str, Any]:
     """
     with store.read() as session:
         found = session.execute(
-            select(Axis.name, MachineRow.site, MachineRow.name, Assessment)
+            select(Axis.name, Axis.runs, MachineRow.site, MachineRow.name, Assessment)
             .outerjoin(MachineRow, MachineRow.id == Axis.machine_id)
             .outerjoin(Assessment, Assessment.id == Axis.assessment_id)
             .order_by(MachineRow.site, MachineRow.name, Axis.name)
         ).all()
-        counted = select(Axis.name, func.count(RunRow.id), func.max(RunRow.time))
-        counts = {}
-        for name, number, newest in session.execute(
-            counted.outerjoin(RunRow, RunRow.axis_id == Axis.id).group_by(Axis.name)
-        ):
-            counts[name] = (number, newest)
     axes = []
-    for name, site, machine, assessment in found:
-        row = {"axis": name, "site": site or None, "machine": machine, "runs": counts[name][0]}
+    for name, runs, site, machine, assessment in found:
+        row = {"axis": name, "site": site or None, "machine": machine, "runs": runs}
         axes.append(row | _assessment_document(assessment))
     return {"schema": SCHEMA, "axes": axes}
 

@@ -51,6 +51,7 @@ class Base(DeclarativeBase):
             "pk": "pk_%(table_name)s",
         }
     )
+    """Names of constraints."""
     type_annotation_map: ClassVar[dict[Any, Any]] = {
         str: Text,
         float: Float(53),
@@ -107,7 +108,7 @@ class MachineRow(Checked, Base):
 
 
 class Axis(Checked, Base):
-    """An axis, by its name in the data sheet; what was chosen for its history, and its newest assessment."""
+    """An axis by its name: what was chosen for its history, its newest assessment, its number of runs."""
 
     __tablename__ = "axes"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -116,6 +117,7 @@ class Axis(Checked, Base):
     model_digest: Mapped[str | None] = mapped_column()
     method_id: Mapped[int | None] = mapped_column(ForeignKey("methods.id"))
     assessment_id: Mapped[int | None] = mapped_column()
+    runs: Mapped[int] = mapped_column(default=0)
 
 
 class Document(Checked, Base):
