@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 from tests.store.stored import RUNS, count, fill, text_of
 
 from ballscrew.base.errors import InputError
-from ballscrew.store import database, migrating
+from ballscrew.store import database, migrating, raw_files
 from ballscrew.store.adding import add_run, insert_run
 from ballscrew.store.database import schema_of
 from ballscrew.store.folder import DataFolder
@@ -174,3 +174,18 @@ def test_a_migration_that_fails_changes_nothing(store: Store, later_version: Cal
         Store.migrate(store.path)
     later_version(False)
     assert count(Store(store.path), RunRow) == len(RUNS)
+
+
+def test_a_creation_that_was_interrupted_is_begun_again(tmp_path: Path) -> None:
+    (tmp_path / "a" / "files").mkdir(parents=True)
+    for name in ("store.sqlite", "store.sqlite-journal", "store.lock", ".store-abcdefgh.toml"):
+        (tmp_path / "a" / name).write_bytes(b"half")
+    Store.init(tmp_path / "a")
+    assert Store.verify(tmp_path / "a").faults == ()
+
+
+def test_the_folders_of_a_new_store_are_durable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[Path] = []
+    monkeypatch.setattr(raw_files, "sync_folder", synced.append)
+    Store.init(tmp_path / "a" / "b")
+    assert synced[:2] == [tmp_path / "a", tmp_path]

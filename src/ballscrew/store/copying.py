@@ -23,7 +23,7 @@ from ballscrew.store.folder import DataFolder
 from ballscrew.store.histories import current_events
 from ballscrew.store.migrating import copy_sqlite, settle, upgrade
 from ballscrew.store.opened import OpenStore, record, tables
-from ballscrew.store.raw_files import clone_file, copy_out, path_of, sync_folder
+from ballscrew.store.raw_files import clone_file, copy_out, make_folder, path_of, sync_folder
 from ballscrew.store.reading import current_rows, find_axis, find_method
 from ballscrew.store.tables import (
     AlarmRow,
@@ -229,7 +229,7 @@ def archive(store: OpenStore, axis: str, to: str | Path, *, newest: int = 30) ->
     if newest < 0:
         raise InputError(f"the number of newest runs is {newest}; it must be 0 or more.")
     try:
-        target.mkdir(parents=True, exist_ok=True)
+        make_folder(target)
     except OSError as error:
         raise InputError(f"{target}: cannot be created ({error.strerror or error}).") from None
     moved, size = [], 0

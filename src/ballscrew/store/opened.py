@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 from ballscrew.base.errors import InputError
 from ballscrew.store.database import check_schema, make_engine, sqlite_url, translated
 from ballscrew.store.folder import DataFolder, actor, now
+from ballscrew.store.raw_files import make_folder
 from ballscrew.store.tables import Audit, Base
 
 
@@ -120,8 +121,8 @@ def create_store(path: str | Path, *, database: str | None = None) -> OpenStore:
     if folder.exists():
         raise InputError(f"{path}: is a store already.")
     try:
-        folder.path.mkdir(parents=True, exist_ok=True)
-        others = {each.name for each in folder.path.iterdir()} - {"store.lock", "store.sqlite", "files"}
+        make_folder(folder.path)
+        others = [each.name for each in folder.path.iterdir() if not _is_own(each.name)]
     except OSError as error:
         raise InputError(f"{path}: cannot be created ({error.strerror or error}).") from None
     if others:
@@ -129,14 +130,19 @@ def create_store(path: str | Path, *, database: str | None = None) -> OpenStore:
     with translated(path), folder.locked("store init"):
         if database is None:
             # Of a creation that was killed: a store has store.toml, which is written last.
-            for name in ("store.sqlite", "store.sqlite-wal", "store.sqlite-shm"):
-                (folder.path / name).unlink(missing_ok=True)
+            for part in folder.path.glob("store.sqlite*"):
+                part.unlink()
             folder.sqlite.touch()
         engine = make_engine(database or sqlite_url(folder.sqlite), writing=True)
         with engine.begin() as connection:
             upgrade(connection, path, new=True)
         folder.create(database)
     return OpenStore(path)
+
+
+def _is_own(name: str) -> bool:
+    """Whether a file is of a creation of a store that was interrupted."""
+    return name == "files" or name.startswith(("store.", ".store-"))
 
 
 def tables() -> list[Any]:

@@ -217,6 +217,14 @@ def hash_of(path: Path, compression: str) -> str:
     return digest.hexdigest()
 
 
+def make_folder(path: Path) -> None:
+    """Create a folder and those above it, durably."""
+    missing = [each for each in (path, *path.parents) if not each.exists()]
+    path.mkdir(parents=True, exist_ok=True)
+    for each in missing:
+        sync_folder(each.parent)
+
+
 def sync_folder(folder: Path) -> None:
     """Make names in a folder durable; Windows has no such call."""
     if os.name == "nt":
