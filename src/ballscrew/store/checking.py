@@ -136,6 +136,11 @@ def _row_faults(session: Session, counts: list[int]) -> Iterator[str]:
     for result, run in session.execute(query.execution_options(yield_per=_BATCH)):
         if not _has_its_rows(session, result, run):
             yield f"database: cells or recordings of the run {run.run[:12]} are not those of its result"
+    yield from _axis_faults(session)
+
+
+def _axis_faults(session: Session) -> Iterator[str]:
+    """Axes whose number of runs, assessment or model is not in the store."""
     counted = select(RunRow.axis_id, func.count()).group_by(RunRow.axis_id)
     numbers = {axis: number for axis, number in session.execute(counted)}  # noqa: C416
     axes = select(Axis.id, Axis.name, Axis.runs, Axis.assessment_id, Axis.model_digest)
