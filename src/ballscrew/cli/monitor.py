@@ -83,38 +83,19 @@ def monitor_command(  # noqa: PLR0913  as many as options
     if table is not None:
         check_export(table)
     check_outputs((plot, table), (model, events, Path(duty or ""), *map(Path, given)))
-    failure = Failure(preload_ratio=end, backlash=_parse_positive("--backlash", backlash, "m"))
-    force = _parse_positive("--largest-load", largest_load, "N")
-    stated = parse_duty(duty)
-    if store is not None:
-        if model is not None or events is not None or len(given) != 1:
-            raise InputError(
-                "with --store, give the name of one axis; its model and events are in the store."
-            )
-        monitored, runs = _monitor_stored(
-            store,
-            given[0],
-            settings=settings,
-            failure=failure,
-            largest_load=force,
-            duty=stated,
-            accept=accept,
-        )
+    stated = {
+        "settings": settings,
+        "failure": Failure(preload_ratio=end, backlash=_parse_positive("--backlash", backlash, "m")),
+        "largest_load": _parse_positive("--largest-load", largest_load, "N"),
+        "duty": parse_duty(duty),
+        "accept": accept,
+    }
+    if store is None:
+        monitored, runs = _monitor_files(given, model, events, **stated)
+    elif model is not None or events is not None or len(given) != 1:
+        raise InputError("with --store, give the name of one axis; its model and events are in the store.")
     else:
-        if model is None:
-            raise InputError("no model of the axis is given (--model); 'ballscrew calibrate' writes it.")
-        axis = read_model(model)
-        runs = [Run.read(path) for path in given]
-        monitored = monitor(
-            runs,
-            axis,
-            events=() if events is None else read_events(events),
-            settings=settings,
-            failure=failure,
-            largest_load=force,
-            duty=stated,
-            accept=accept,
-        )
+        monitored, runs = _monitor_stored(store, given[0], **stated)
     if plot is not None:
         from ballscrew.report.monitor_figure import draw_monitor
 
@@ -127,6 +108,18 @@ def monitor_command(  # noqa: PLR0913  as many as options
         print_monitored(monitored)
     status = report_newest(monitored.state, runs)
     return health_status(monitored.state, status) if exit_code else status
+
+
+def _monitor_files(
+    given: Sequence[str], model: Path | None, events: Path | None, **stated: Any
+) -> tuple[Monitored, Sequence[Run]]:
+    """Monitor an axis by RUN.json files."""
+    if model is None:
+        raise InputError("no model of the axis is given (--model); 'ballscrew calibrate' writes it.")
+    axis = read_model(model)
+    runs = [Run.read(path) for path in given]
+    known = () if events is None else read_events(events)
+    return monitor(runs, axis, events=known, **stated), runs
 
 
 def _monitor_stored(store: Path, axis: str, **stated: Any) -> tuple[Monitored, Sequence[Run]]:

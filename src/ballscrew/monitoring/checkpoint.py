@@ -31,7 +31,7 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.detection.statistics import StatisticsState
 from ballscrew.monitoring.detection.visits import VisitRun
 from ballscrew.monitoring.epochs import Event, moment
-from ballscrew.monitoring.history import EpochState, HistoryState, RunRow
+from ballscrew.monitoring.history import EpochState, HistoryRow, HistoryState
 from ballscrew.monitoring.reading import Reading
 
 CHECKPOINT_SCHEMA = 1
@@ -212,7 +212,7 @@ _CLASSES = (
     EpochState,
     GrowingDesign,
     HistoryState,
-    RunRow,
+    HistoryRow,
     Layout,
     LimitTable,
     MonitorSettings,

@@ -34,8 +34,8 @@ from ballscrew.monitoring.detection.visits import SAME_DAY
 from ballscrew.monitoring.epochs import Epoch, Event, epochs_of, moment
 from ballscrew.monitoring.history import (
     EpochState,
+    HistoryRow,
     HistoryState,
-    RunRow,
     level_steps,
     newest_assessed,
     read_history,
@@ -161,18 +161,21 @@ def _with_newest_epoch(
     # A repeat is requested only on the day of the newest good run; the runs after it are not good.
     same_day = ordered[-1].reading.day - newest.reading.day < SAME_DAY
     health = replace(health, state=newest.state, repeat_asked=same_day and chart.repeat_asked)
-    unloaded = [run for run in health.epoch_runs if run.state == "unloaded" and _later(run, newest)]
-    return _with_unloaded(health, unloaded, good, chart, settings) if unloaded else health
+    unloaded = _unloaded_after(newest, health.epoch_runs)
+    if not unloaded:
+        return health
+    return _with_unloaded(health, unloaded, good, chart, settings)
 
 
-def _later(run: RunState, other: RunState) -> bool:
-    return run.reading.day > other.reading.day
+def _unloaded_after(newest: RunState, runs: Sequence[RunState]) -> list[RunState]:
+    """Runs after the newest good one whose own load unloads the nut."""
+    return [run for run in runs if run.state == "unloaded" and run.reading.day > newest.reading.day]
 
 
 def _with_unloaded(
     health: HealthState,
     unloaded: Sequence[RunState],
-    good: Sequence[RunRow],
+    good: Sequence[HistoryRow],
     chart: Chart,
     settings: MonitorSettings,
 ) -> HealthState:
@@ -196,7 +199,7 @@ def _with_unloaded(
     )
 
 
-def _uncharted(row: RunRow) -> RunState:
+def _uncharted(row: HistoryRow) -> RunState:
     """State of a run that is not charted: by the load that unloads its nut, or set aside."""
     if row.limit is None:
         return RunState(row.reading, "suspect")
@@ -211,7 +214,7 @@ def _made(runs: Sequence[RunState], settings: MonitorSettings, accept: Sequence[
 
 
 def _nut_reasons(
-    state: RunState, good: Sequence[RunRow], chart: Chart, settings: MonitorSettings
+    state: RunState, good: Sequence[HistoryRow], chart: Chart, settings: MonitorSettings
 ) -> tuple[str, ...]:
     """Reasons to doubt the nut's preload of the newest good run, in its state."""
     ratio = good[-1].bearing_over_nut
@@ -225,7 +228,9 @@ def _nut_reasons(
     return (not_identifiable(ratio),)
 
 
-def _stage(newest: RunState, good: Sequence[RunRow], chart: Chart, runs: Sequence[RunState]) -> Stage | None:
+def _stage(
+    newest: RunState, good: Sequence[HistoryRow], chart: Chart, runs: Sequence[RunState]
+) -> Stage | None:
     """Stage at a run in watch or alarm, or one whose own load unloads the nut."""
     if chart.newest_stiffer and newest.stiffness is not None:
         return None
@@ -280,7 +285,7 @@ def _chart(epoch: EpochState, steps: Sequence[LevelStep]) -> Chart:
 
 
 def _run_states(
-    good: Sequence[RunRow], chart: Chart, scale: float, settings: MonitorSettings
+    good: Sequence[HistoryRow], chart: Chart, scale: float, settings: MonitorSettings
 ) -> dict[str, RunState]:
     """State of each charted run by its id, in time order."""
     states = {}

@@ -36,7 +36,7 @@ _NEWEST = 3  # good runs that are compared with the reference cell by cell
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RunRow:
+class HistoryRow:
     """Row of a run: all that later runs, and the health state, need of it.
 
     Parameters
@@ -88,7 +88,7 @@ class EpochState:
         Run that its levels are relative to.
     newest : tuple of Run
         Its newest good runs, three at most.
-    rows : tuple of RunRow
+    rows : tuple of HistoryRow
         A row for each run.
     """
 
@@ -97,10 +97,10 @@ class EpochState:
     good_first: int = 0
     reference: Run | None = None
     newest: tuple[Run, ...] = ()
-    rows: tuple[RunRow, ...] = ()
+    rows: tuple[HistoryRow, ...] = ()
 
     @property
-    def good(self) -> list[RunRow]:
+    def good(self) -> list[HistoryRow]:
         """Rows of its good runs."""
         return [row for row in self.rows if row.charted is not None]
 
@@ -128,7 +128,7 @@ class HistoryState:
     epochs: tuple[EpochState, ...]
 
     @property
-    def rows(self) -> list[RunRow]:
+    def rows(self) -> list[HistoryRow]:
         """Rows of all runs, in time order."""
         return [row for epoch in self.epochs for row in epoch.rows]
 
@@ -327,7 +327,7 @@ def _with_run(
             chart, reading.day, reading.level, reading.random, reading.temperature, steps
         )
         newest = (*newest, run)[-_NEWEST:]
-    row = RunRow(
+    row = HistoryRow(
         reading=reading,
         name=run.name,
         digest=run_digest(run),

@@ -29,7 +29,7 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.assessment import AssessedRun
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
-from ballscrew.monitoring.history import RunRow
+from ballscrew.monitoring.history import HistoryRow
 
 NAMES = ("load", "temperature", "lubrication", "torque scale", "sensor", "controller")
 """Causes beside a change of the axial stiffness (:data:`~ballscrew.estimation.causes.AXIAL`)."""
@@ -122,7 +122,7 @@ class _Evidence:
 
 
 def history_causes(
-    good: Sequence[RunRow],
+    good: Sequence[HistoryRow],
     newest: Sequence[AssessedRun],
     reference: Run,
     chart: Chart,
@@ -133,7 +133,7 @@ def history_causes(
 
     Parameters
     ----------
-    good : sequence of RunRow
+    good : sequence of HistoryRow
         The epoch's good runs, in time order.
     newest : sequence of AssessedRun
         The newest of them, with the changes of their cells.
@@ -174,15 +174,15 @@ def history_causes(
 
 
 def evidence_of_nut(
-    row: RunRow, good: Sequence[RunRow], chart: Chart, settings: MonitorSettings
+    row: HistoryRow, good: Sequence[HistoryRow], chart: Chart, settings: MonitorSettings
 ) -> NutEvidence:
     """Evidence of nut and support bearing in a run against the baseline of its epoch.
 
     Parameters
     ----------
-    row : RunRow
+    row : HistoryRow
         The run.
-    good : sequence of RunRow
+    good : sequence of HistoryRow
         The epoch's good runs, in time order.
     chart : Chart
         Of these runs.
@@ -302,7 +302,7 @@ def _least_misfit(fits: Sequence[Array], scale: float) -> float:
     return min(float(np.sum(np.minimum((residuals / scale) ** 2, _BOUND**2))) for residuals in fits)
 
 
-def _add_friction(evidence: _Evidence, good: Sequence[RunRow], chart: Chart) -> None:
+def _add_friction(evidence: _Evidence, good: Sequence[HistoryRow], chart: Chart) -> None:
     """Add the evidence by friction: its change, against that expected from the lost preload.
 
     The nut's drag is proportional to the preload. Its share of the friction is not known: the density is the
@@ -327,7 +327,7 @@ def _add_friction(evidence: _Evidence, good: Sequence[RunRow], chart: Chart) -> 
         evidence.note_axial("friction is not conclusive yet")
 
 
-def _add_mass(evidence: _Evidence, good: Sequence[RunRow], chart: Chart) -> None:
+def _add_mass(evidence: _Evidence, good: Sequence[HistoryRow], chart: Chart) -> None:
     """Add the evidence by the equivalent mass: its change, against that by another load or torque scale."""
     change = _log_change(np.array([row.reading.equivalent_mass for row in good]), chart, _MASS)
     if change is None:
