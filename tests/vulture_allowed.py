@@ -91,3 +91,8 @@ type_annotation_map
 _set_checksum
 _wait_for_writers
 _begin
+
+# Whole histories, for benchmarks; an import that reading needs
+health_state
+compute_limits
+hdf5
