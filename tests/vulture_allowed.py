@@ -96,3 +96,5 @@ _begin
 health_state
 compute_limits
 hdf5
+chart_of
+simulate_healthy
