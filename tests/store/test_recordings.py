@@ -89,9 +89,9 @@ def test_a_new_revision_is_beside_the_old_until_the_axis_is_switched(
     assert store.reprocess(["bench"])["analyzed"] == 0
     store.reprocess(["bench"], switch=True)
     assert store.show("bench")["method"] == {"name": "joint", "revision": 2}
-    switched = store.monitor("bench").runs
-    assert new in {run.id for run in switched}
-    assert text_of(store.monitor("bench").monitored) != before
+    switched = store.monitor("bench").monitored
+    assert new in {run.reading.run for run in switched.state.runs}
+    assert text_of(switched) != before
     assert store.verify(store.path).faults == ()
 
 

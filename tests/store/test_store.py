@@ -15,6 +15,7 @@ import ballscrew
 from ballscrew.base.errors import InputError
 from ballscrew.modal.amend import amend
 from ballscrew.store.adding import add_events, add_model, add_run
+from ballscrew.store.histories import read_stored_history
 from ballscrew.store.store import Store
 from ballscrew.store.tables import AlarmRow, Audit, Conflict, Correction, RunRow
 
@@ -63,7 +64,8 @@ def test_the_same_run_with_other_content_is_refused_and_stored_aside(store: Stor
         with pytest.raises(InputError, match="another result of the run"):
             add_run(store, other)
     assert count(store, Conflict) == 1
-    assert store.monitor("bench").runs[0] == RUNS[0]
+    with store.read() as session:
+        assert read_stored_history(session, "bench").runs[0] == RUNS[0]
 
 
 def test_an_alarm_that_no_longer_follows_is_retracted_and_not_deleted(store: Store) -> None:
@@ -108,7 +110,7 @@ def test_a_corrected_run_counts_with_its_new_time_and_the_old_one_stays(store: S
     with pytest.raises(InputError, match="was corrected already"):
         store.correct(RUNS[5].id, measured_at=at(16.0))
     store.exclude(RUNS[5].id, reason="the old version")
-    assert new not in {run.id for run in store.monitor("bench").runs}
+    assert new not in {run.reading.run for run in store.monitor("bench").monitored.state.runs}
 
 
 def test_a_second_model_is_used_once_it_is_chosen(store: Store) -> None:

@@ -130,7 +130,7 @@ def _monitor_stored(store: Path, axis: str, **stated: Any) -> tuple[Monitored, S
     assessed = monitor_axis(open_store(store), axis, **stated)
     for note in assessed.notes:
         sys.stderr.write(f"ballscrew: {note}\n")
-    return assessed.monitored, assessed.runs
+    return assessed.monitored, [assessed.newest]
 
 
 def health_status(state: HealthState, status: int = DONE) -> int:

@@ -16,6 +16,7 @@ from ballscrew.base.jsonfile import plain
 from ballscrew.base.provenance import digest
 from ballscrew.base.quantity import Quantity
 from ballscrew.modal.run import Run
+from ballscrew.monitoring.checkpoint import Checkpoint
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import moment
@@ -27,7 +28,7 @@ from ballscrew.store.folder import now
 from ballscrew.store.histories import StoredHistory, history_key, read_stored_history
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.reading import find_axis
-from ballscrew.store.tables import AlarmRow, Assessment, Axis, EpochRow, StateRow
+from ballscrew.store.tables import AlarmRow, Assessment, Axis, CheckpointRow, EpochRow, StateRow
 
 _ATTEMPTS = 5  # runs may be added meanwhile
 _REASONS = 10  # of an assessment that are stored
@@ -41,14 +42,17 @@ class StoredAssessment:
     ----------
     monitored : Monitored
         Health state and remaining life.
-    runs : tuple of Run
-        Runs of the history.
+    new_runs : int
+        Runs that were assessed for it; the others follow from a checkpoint.
+    newest : Run
+        Newest run of the history.
     notes : tuple of str
         Sentences about runs that are no part of it.
     """
 
     monitored: Monitored
-    runs: tuple[Run, ...]
+    new_runs: int
+    newest: Run
     notes: tuple[str, ...]
 
 
@@ -93,7 +97,7 @@ def monitor_axis(
     }
     for _ in range(_ATTEMPTS):
         with store.read() as session:
-            history = read_stored_history(session, axis)
+            history = read_stored_history(session, axis, settings)
         monitored = monitor(
             history.runs,
             history.model,
@@ -103,12 +107,13 @@ def monitor_axis(
             largest_load=largest_load,
             duty=duty,
             accept=accept,
+            checkpoint=history.checkpoint,
         )
         with store.write("monitor --store") as session:
             if history_key(session, find_axis(session, axis)) == history.key:
                 inputs = digest({"history": history.key, "version": __version__, "stated": plain(stated)})
                 _store(session, history, monitored, inputs, stated)
-                return StoredAssessment(monitored, history.runs, _notes(history))
+                return StoredAssessment(monitored, len(history.runs), history.newest, _notes(history))
     raise InputError(f"{store.path}: runs of {axis} are added all the time; try again.")
 
 
@@ -145,6 +150,7 @@ def _store(
     session.flush()
     session.add_all(_state_rows(state, axis.id, history.rows))
     _update_alarms(session, state, axis)
+    _store_checkpoint(session, history, monitored.checkpoint)
     record(session, "assess", f"axis {axis.name}", state=state.state, inputs=inputs)
 
 
@@ -163,7 +169,7 @@ def _assessment(
         method_id=history.method.id,
         model_digest=history.model_digest,
         settings=plain(stated),
-        runs=len(history.runs),
+        runs=len(history.rows),
         newest_at=state.runs[-1].reading.measured_at,
         state=state.state,
         urgency=state.urgency,
@@ -241,6 +247,25 @@ def _set_design(row: StateRow, run: RunState, chart: Chart, index: int) -> None:
         row.random = float(chart.design.uncertainty[index])
         row.unknown_temperature = float(chart.design.unknown_temperature[index])
         row.design = chart.design.columns[index].astype("<f8").tobytes()
+
+
+def _store_checkpoint(session: Session, history: StoredHistory, checkpoint: Checkpoint | None) -> None:
+    """Store a checkpoint; of the older ones, fewer the older they are, for late runs and corrections."""
+    if checkpoint is None:
+        return
+    axis, newest, key = history.axis.id, len(history.prefixes), history.prefixes[-1]
+    stored = session.scalars(select(CheckpointRow).where(CheckpointRow.axis_id == axis))
+    places = {row.key: row for row in stored}
+    if key not in places:
+        places[key] = CheckpointRow(axis_id=axis, key=key, runs=newest, document=checkpoint.to_bytes())
+        session.add(places[key])
+    ages: set[int] = set()
+    for row in sorted(places.values(), key=lambda row: row.runs):
+        age = ((newest - row.runs).bit_length() + 1) // 2
+        if row.key not in history.prefixes or age in ages:
+            session.delete(row)
+        else:
+            ages.add(age)
 
 
 def _update_alarms(session: Session, state: HealthState, axis: Axis) -> None:

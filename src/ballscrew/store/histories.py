@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from ballscrew._version import __version__
 from ballscrew.base.errors import InputError, shown
+from ballscrew.base.jsonfile import plain
 from ballscrew.base.provenance import digest
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.modelfile import model_from_json
 from ballscrew.modal.run import Run
+from ballscrew.monitoring.checkpoint import CHECKPOINT_SCHEMA, Checkpoint
+from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Event
 from ballscrew.store.reading import current_rows, find_axis, find_method, find_model
-from ballscrew.store.tables import Axis, EventRow, Exclusion, Method, ResultRow, RunRow, unpack
+from ballscrew.store.tables import Axis, CheckpointRow, EventRow, Exclusion, Method, ResultRow, RunRow, unpack
+
+_MOST_PARAMETERS = 500  # of a statement; databases have limits
 
 
 @dataclass(frozen=True)
@@ -32,9 +40,15 @@ class StoredHistory:
     model : CalibratedAxis
         The model.
     runs : tuple of Run
-        In time order, without excluded, corrected and untimed ones.
+        In time order, without excluded, corrected and untimed ones, and without those of the checkpoint.
+    newest : Run
+        The newest of all.
+    checkpoint : Checkpoint or None
+        What the runs before these have taught.
     rows : dict of str to int
-        Number of each of their rows, by id.
+        Number of the row of each run of the history, by id.
+    prefixes : tuple of str
+        Key of the first, the first two, ... runs with all that follows from these.
     events : tuple of Event
         By time, without excluded ones.
     key : str
@@ -50,14 +64,19 @@ class StoredHistory:
     model_digest: str
     model: CalibratedAxis
     runs: tuple[Run, ...]
+    newest: Run
+    checkpoint: Checkpoint | None
     rows: dict[str, int]
+    prefixes: tuple[str, ...]
     events: tuple[Event, ...]
     key: str
     missing: int
     untimed: int
 
 
-def read_stored_history(session: Session, name: str) -> StoredHistory:
+def read_stored_history(
+    session: Session, name: str, settings: MonitorSettings | None = None
+) -> StoredHistory:
     """Read what the history of an axis is made from.
 
     Parameters
@@ -66,6 +85,8 @@ def read_stored_history(session: Session, name: str) -> StoredHistory:
         Reading.
     name : str
         Name of the axis.
+    settings : MonitorSettings, optional
+        Of the detection: runs of the newest stored checkpoint by these are not read.
 
     Returns
     -------
@@ -82,50 +103,99 @@ def read_stored_history(session: Session, name: str) -> StoredHistory:
     method = find_method(session, axis)
     current = current_rows(session, axis)
     timed = [row for row in current if row.time is not None]
-    runs, rows = [], {}
-    if method is not None:
-        documents = result_documents(session, axis, method)
-        for row in timed:
-            if row.id in documents:
-                runs.append(Run.from_json(unpack(documents[row.id]), f"run {row.run[:12]}"))
-                rows[row.run] = row.id
-    if method is None or not runs:
+    checksums = result_checksums(session, axis, method)
+    usable = [row for row in timed if row.id in checksums]
+    if method is None or not usable:
         raise InputError(f"the store has no run of the axis {shown(name)} with a time.")
+    events = current_events(session, axis)
+    prefixes = _prefixes(usable, checksums, events, model.digest, settings)
+    checkpoint, start = _newest_checkpoint(session, axis, usable, prefixes)
+    # The newest run is read in any case.
+    first = min(start, len(usable) - 1)
+    documents = result_documents(session, [row.id for row in usable[first:]], method)
+    runs = [Run.from_json(unpack(documents[row.id]), f"run {row.run[:12]}") for row in usable[first:]]
     return StoredHistory(
         axis=axis,
         method=method,
         model_digest=model.digest,
         model=model_from_json(unpack(model.document), f"model {model.digest[:12]}"),
-        runs=tuple(runs),
-        rows=rows,
-        events=current_events(session, axis),
+        runs=tuple(runs[start - first :]),
+        newest=runs[-1],
+        checkpoint=checkpoint,
+        rows={row.run: row.id for row in usable},
+        prefixes=prefixes,
+        events=events,
         key=history_key(session, axis),
-        missing=len(timed) - len(runs),
+        missing=len(timed) - len(usable),
         untimed=len(current) - len(timed),
     )
 
 
-def result_documents(session: Session, axis: Axis, method: Method) -> dict[int, bytes]:
-    """RUN.json, packed, of each run of an axis by a method."""
+def _prefixes(
+    rows: Sequence[Any],
+    checksums: Mapping[int, int],
+    events: Sequence[Event],
+    model: str,
+    settings: MonitorSettings | None,
+) -> tuple[str, ...]:
+    """Key of each beginning of a history: its runs and results, the events until then, model and settings."""
+    if settings is None:
+        return ()
+    basis = digest([model, plain(asdict(settings), 17), __version__, CHECKPOINT_SCHEMA])
+    keys = []
+    for row in rows:
+        basis = digest([basis, row.run, checksums[row.id]])
+        past = [(event.at, event.kind) for event in events if event.when.timestamp() <= row.time]
+        keys.append(digest([basis, past]))
+    return tuple(keys)
+
+
+def _newest_checkpoint(
+    session: Session, axis: Axis, rows: Sequence[Any], prefixes: Sequence[str]
+) -> tuple[Checkpoint | None, int]:
+    """Newest stored checkpoint that the history still begins with, and the number of its runs."""
+    stored = session.execute(
+        select(CheckpointRow.key, CheckpointRow.runs)
+        .where(CheckpointRow.axis_id == axis.id, CheckpointRow.runs <= len(prefixes))
+        .order_by(CheckpointRow.runs.desc())
+    )
+    for key, count in stored.all():
+        last = count == len(rows) or rows[count].time > rows[count - 1].time
+        if last and prefixes[count - 1] == key:
+            row = session.get_one(CheckpointRow, (axis.id, key))
+            return Checkpoint.from_bytes(row.document, f"the checkpoint of {axis.name}"), count
+    return None, 0
+
+
+def result_documents(session: Session, runs: Sequence[int], method: Method) -> dict[int, bytes]:
+    """RUN.json, packed, of runs by a method."""
+    documents: dict[int, bytes] = {}
+    for start in range(0, len(runs), _MOST_PARAMETERS):
+        found = session.execute(
+            select(ResultRow.run_id, ResultRow.document).where(
+                ResultRow.run_id.in_(runs[start : start + _MOST_PARAMETERS]),
+                ResultRow.method_id == method.id,
+            )
+        )
+        documents.update((number, document) for number, document in found)
+    return documents
+
+
+def result_checksums(session: Session, axis: Axis, method: Method | None) -> dict[int, int]:
+    """Checksum of the result of each run of an axis by a method."""
+    if method is None:
+        return {}
     found = session.execute(
-        select(ResultRow.run_id, ResultRow.document)
+        select(ResultRow.run_id, ResultRow.checksum)
         .join(RunRow, RunRow.id == ResultRow.run_id)
         .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
     )
-    return {number: document for number, document in found}  # noqa: C416  rows are no pairs to mypy
+    return {number: checksum for number, checksum in found}  # noqa: C416  rows are no pairs to mypy
 
 
 def history_key(session: Session, axis: Axis) -> str:
     """Digest of what the history of an axis is made from, without reading its documents."""
-    method = find_method(session, axis)
-    checksums: dict[int, int] = {}
-    if method is not None:
-        found = session.execute(
-            select(ResultRow.run_id, ResultRow.checksum)
-            .join(RunRow, RunRow.id == ResultRow.run_id)
-            .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
-        )
-        checksums = {number: checksum for number, checksum in found}  # noqa: C416
+    checksums = result_checksums(session, axis, find_method(session, axis))
     runs = [(row.run, checksums.get(row.id)) for row in current_rows(session, axis)]
     events = [(event.at, event.kind, event.text) for event in current_events(session, axis)]
     return digest({"runs": runs, "events": events, "model": find_model(session, axis).digest})

@@ -335,6 +335,16 @@ class StateRow(Checked, Base):
     reasons: Mapped[list[Any] | None]
 
 
+class CheckpointRow(Checked, Base):
+    """What the first ``runs`` runs of an axis have taught; the key is that of all that it follows from."""
+
+    __tablename__ = "checkpoints"
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"), primary_key=True)
+    key: Mapped[str] = mapped_column(primary_key=True)
+    runs: Mapped[int]
+    document: Mapped[bytes]
+
+
 class AlarmRow(Checked, Base):
     """An alarm that was raised; one that no longer follows from the runs is retracted, never deleted."""
 

@@ -115,6 +115,16 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("digest", name=op.f("pk_documents")),
     )
     op.create_table(
+        "checkpoints",
+        sa.Column("axis_id", sa.Integer(), nullable=False),
+        sa.Column("key", sa.Text(), nullable=False),
+        sa.Column("runs", sa.Integer(), nullable=False),
+        sa.Column("document", sa.LargeBinary(), nullable=False),
+        sa.Column("checksum", sa.BigInteger(), nullable=False),
+        sa.ForeignKeyConstraint(["axis_id"], ["axes.id"], name=op.f("fk_checkpoints_axis_id")),
+        sa.PrimaryKeyConstraint("axis_id", "key", name=op.f("pk_checkpoints")),
+    )
+    op.create_table(
         "epochs",
         sa.Column("axis_id", sa.Integer(), nullable=False),
         sa.Column("number", sa.Integer(), nullable=False),

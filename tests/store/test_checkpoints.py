@@ -1,0 +1,95 @@
+"""Assessments from stored checkpoints give what all runs together give, whatever happened in between."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from sqlalchemy import select
+from tests.monitoring.histories import at
+from tests.store.conftest import NewStore
+from tests.store.stored import EVENTS, MODEL, RUNS, count, text_of
+
+from ballscrew.base.errors import InputError
+from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.prognosis.monitor import monitor
+from ballscrew.store.adding import add_events, add_model, add_run
+from ballscrew.store.histories import read_stored_history
+from ballscrew.store.store import Store
+from ballscrew.store.tables import CheckpointRow
+
+
+def check(store: Store) -> int:
+    """Compare an assessment with that of all runs; number of runs that were judged for it."""
+    with store.read() as session:
+        history = read_stored_history(session, "bench")
+    assessed = store.monitor("bench")
+    assert text_of(assessed.monitored) == text_of(monitor(history.runs, history.model, events=history.events))
+    return assessed.new_runs
+
+
+def filled(new_store: NewStore, number: int) -> Store:
+    store = new_store()
+    add_model(store, MODEL)
+    for run in RUNS[:number]:
+        add_run(store, run)
+    return store
+
+
+def test_only_the_newest_run_is_judged(new_store: NewStore) -> None:
+    store = filled(new_store, 4)
+    assert check(store) == 4
+    for run in RUNS[4:]:
+        add_run(store, run)
+        assert check(store) == 1
+
+
+def test_a_late_run_is_judged_from_a_checkpoint_before_it(new_store: NewStore) -> None:
+    store = filled(new_store, 3)
+    for run in RUNS[3:9] + RUNS[10:14]:
+        add_run(store, run)
+        check(store)
+    add_run(store, RUNS[9])
+    assert 5 <= check(store) < 14
+    assert check(store) == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_any_change_between_assessments_gives_the_answer_of_all_runs(new_store: NewStore, seed: int) -> None:
+    store, draw = filled(new_store, 2), random.Random(seed)  # noqa: S311
+    missing = RUNS[2:]
+    for step in range(8):
+        change = draw.choice(["add", "add", "add", "correct", "exclude", "include", "event"])
+        run = RUNS[draw.randrange(2, 14)]
+        try:
+            if change == "add" and missing:
+                add_run(store, missing.pop(draw.randrange(len(missing))))
+            elif change == "correct":
+                store.correct(run.id, measured_at=at(20.0 + step), reason="clock")
+            elif change == "event":
+                add_events(store, EVENTS, "bench")
+            elif change != "add":
+                store.exclude(run.id, reason="sensor", undo=change == "include")
+        except InputError:  # such as a run that the store does not contain yet
+            continue
+        check(store)
+
+
+def test_few_checkpoints_are_stored_for_many_runs(new_store: NewStore) -> None:
+    store = filled(new_store, 1)
+    for run in RUNS[1:]:
+        add_run(store, run)
+        store.monitor("bench")
+    assert count(store, CheckpointRow) <= 5
+    with store.read() as session:
+        runs = sorted(session.scalars(select(CheckpointRow.runs)))
+    assert runs[-1] == 14
+    assert runs[0] < 10
+
+
+def test_a_checkpoint_by_other_settings_is_not_used(new_store: NewStore) -> None:
+    store = filled(new_store, 5)
+    check(store)
+    add_run(store, RUNS[5])
+    settings = MonitorSettings(false_alarms_per_year=0.5)
+    assert store.monitor("bench", settings=settings).new_runs == 6
