@@ -92,7 +92,8 @@ _set_checksum
 _wait_for_writers
 _begin
 
-# Whole histories, for benchmarks; an import that reading needs
+# Whole histories, for benchmarks; an import that reading needs; how an assessment was made
+new_runs
 health_state
 compute_limits
 hdf5

@@ -93,3 +93,15 @@ def test_a_checkpoint_by_other_settings_is_not_used(new_store: NewStore) -> None
     add_run(store, RUNS[5])
     settings = MonitorSettings(false_alarms_per_year=0.5)
     assert store.monitor("bench", settings=settings).new_runs == 6
+
+
+def test_a_damaged_checkpoint_is_made_again(new_store: NewStore) -> None:
+    store = filled(new_store, 4)
+    check(store)
+    with store.write("test") as session:
+        for row in session.scalars(select(CheckpointRow)):
+            row.document = row.document[:-9]
+    add_run(store, RUNS[4])
+    assert check(store) == 5
+    add_run(store, RUNS[5])
+    assert check(store) == 1

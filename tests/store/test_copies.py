@@ -131,3 +131,12 @@ def test_archived_files_are_elsewhere_and_results_stay(with_files: Store, tmp_pa
     assert len([path for path in (tmp_path / "archive").rglob("*") if path.is_file()]) == 2
     folder = with_files.backup(tmp_path / "backup")
     assert Store.verify(folder).faults == ()
+
+
+def test_nothing_is_written_into_a_store(store: Store) -> None:
+    fill(store)
+    inside = store.path / "files" / "more"
+    for write in (store.backup, lambda to: store.archive("bench", to), lambda to: store.export("bench", to)):
+        with pytest.raises(InputError, match="is in the store"):
+            write(inside)
+    assert not inside.exists()

@@ -14,6 +14,7 @@ from tests.store.stored import EVENTS, MODEL, RUNS, count, fill, text_of
 import ballscrew
 from ballscrew.base.errors import InputError
 from ballscrew.modal.amend import amend
+from ballscrew.monitoring.epochs import Event
 from ballscrew.store.adding import add_events, add_model, add_run
 from ballscrew.store.histories import read_stored_history
 from ballscrew.store.store import Store
@@ -161,3 +162,41 @@ def test_what_is_wrong_is_a_sentence(store: Store, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="has no run"):
         store.exclude("run", reason="test")
     assert count(store, RunRow) == 0
+
+
+def test_a_state_is_unknown_after_a_change_of_the_history(store: Store) -> None:
+    def state() -> tuple[str, str]:
+        (row,) = store.list()["axes"]
+        assert store.show("bench")["state"] == row["state"]
+        return row["state"], row["last_state"]
+
+    fill(store, RUNS[:6])
+    known = store.monitor("bench").monitored.state.state
+    assert state() == (known, known)
+    for change in (
+        lambda: add_run(store, RUNS[6]),
+        lambda: store.exclude(RUNS[6].id, reason="loose sensor"),
+        lambda: store.exclude(RUNS[6].id, undo=True),
+        lambda: store.correct(RUNS[1].id, measured_at=at(40.0), reason="clock"),
+        lambda: add_events(store, (Event(at(30.0), "greased"),), "bench"),
+    ):
+        change()
+        assert state() == ("unknown", known)
+        known = store.monitor("bench").monitored.state.state
+        assert state() == (known, known)
+
+
+def test_a_refused_run_creates_no_axis(store: Store) -> None:
+    fill(store)
+    with pytest.raises(InputError, match="another result"):
+        add_run(store, replace(RUNS[0], axis="other"))
+    assert [row["axis"] for row in store.list()["axes"]] == ["bench"]
+
+
+def test_an_id_that_a_run_and_an_event_begin_with_is_refused(store: Store) -> None:
+    fill(store)
+    (event,) = [row["digest"] for row in store.show("bench")["events"] if row["kind"] == "greased"]
+    add_run(store, replace(RUNS[0], id=f"{event[:3]}run", measured_at=at(60.0), files=()))
+    with pytest.raises(InputError, match="give more of the id"):
+        store.exclude(event[:3], reason="test")
+    assert store.exclude(event, reason="test") == event

@@ -164,10 +164,7 @@ def show_store(store: OpenStore, axis: str, *, as_json: bool) -> int:
         print_json(document)
         return DONE
     screen = console()
-    text = f"{document['axis']}: {document['state']}"
-    if document["newest_at"]:
-        text += f", as of the run of {document['newest_at'][:TIME_WIDTH]}"
-    screen.print(text, markup=False)
+    screen.print(_headline(document), markup=False)
     screen.print(_runs(document["runs"]))
     for alarm in document["alarms"]:
         text = f"Alarm since {alarm['began_at'][:TIME_WIDTH]}, raised {alarm['raised_at'][:TIME_WIDTH]}"
@@ -182,6 +179,18 @@ def show_store(store: OpenStore, axis: str, *, as_json: bool) -> int:
             what = f"run {row['run'][:12]}" if row["run"] else f"event {row['event'][:12]}"
             screen.print(printable(f"Excluded {what}: {row['reason']} ({row['actor']})"), markup=False)
     return DONE
+
+
+def _headline(document: dict[str, Any]) -> str:
+    """Axis and state; where the history has changed since, the state before."""
+    axis, state = document["axis"], document["state"]
+    if document["newest_at"] is None:
+        return f"{axis}: {state}"
+    newest = f"as of the run of {document['newest_at'][:TIME_WIDTH]}"
+    if document["changed_at"]:
+        before = f"{document['last_state']} {newest}"
+        return f"{axis}: {state} since its history has changed ('ballscrew monitor'); {before}"
+    return f"{axis}: {state}, {newest}"
 
 
 def _runs(runs: Sequence[dict[str, Any]]) -> Table:

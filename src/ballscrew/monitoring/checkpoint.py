@@ -7,6 +7,7 @@ it: :func:`checkpoint_before` chooses it.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -65,8 +66,9 @@ class Checkpoint:
         return self.history.newest
 
     def to_bytes(self) -> bytes:
-        """Version and compressed JSON; equal checkpoints give equal bytes."""
-        return b"%s%d\n" % (_HEAD, CHECKPOINT_SCHEMA) + to_bytes(self, {Run: _run_document})
+        """Version, SHA-256 and compressed JSON; equal checkpoints give equal bytes."""
+        content = to_bytes(self, {Run: _run_document})
+        return b"%s%d\n%s\n%s" % (_HEAD, CHECKPOINT_SCHEMA, _hash_of(content), content)
 
     @classmethod
     def from_bytes(cls, data: bytes, source: str = "the checkpoint") -> Checkpoint:
@@ -97,6 +99,9 @@ class Checkpoint:
                 f"{source}: is of another version than {CHECKPOINT_SCHEMA}, which this program reads: judge "
                 "from the first run."
             )
+        known, _, content = content.partition(b"\n")
+        if known != _hash_of(content):
+            raise InputError(f"{source}: is damaged: judge from the first run.")
         found = from_bytes(content, _READERS, source)
         if not isinstance(found, cls):
             raise InputError(f"{source}: is no checkpoint of ballscrew.")
@@ -174,6 +179,10 @@ def checkpoint_before(checkpoints: Iterable[Checkpoint], changed: Iterable[str])
         if earlier and (best is None or until > moment(best.until, "a checkpoint")):
             best = checkpoint
     return best
+
+
+def _hash_of(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest().encode()
 
 
 def _basis(model: CalibratedAxis, settings: MonitorSettings) -> str:

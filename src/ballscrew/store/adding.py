@@ -275,12 +275,12 @@ def insert_run(session: Session, run: Run, revision: int = METHOD_REVISION) -> A
         raise InputError(f"{run.name}: names no axis; analyse it with a data sheet (--axis).")
     check_key("the run's id", run.id)
     run = Run.from_json(run.to_json(), run.name)  # nine digits, as RUN.json has them
-    axis = axis_row(session, str(run.axis))
     row = session.scalar(select(RunRow).where(RunRow.run == run.id))
     content = pack(run.to_json())
     if row is None:
-        row = _insert_run_row(session, run, axis)
-    elif (row.axis_id, row.measured_at, row.mass_kg) != (axis.id, run.measured_at, run.mass_kg):
+        row = _insert_run_row(session, run, axis_row(session, str(run.axis)))
+    axis = session.get_one(Axis, row.axis_id)
+    if (axis.name, row.measured_at, row.mass_kg) != (run.axis, run.measured_at, run.mass_kg):
         return _conflict(session, run, content)
     method = method_row(session, run, revision)
     known = session.scalar(
@@ -302,6 +302,7 @@ def insert_run(session: Session, run: Run, revision: int = METHOD_REVISION) -> A
     session.add(result)
     session.flush()
     session.add_all(cell_rows(run, result.id))
+    axis.changed_at = now()
     record(session, "add", f"run {run.id}", axis=axis.name, result=digest(run.to_json()))
     return Added("run", run.id, axis.name, is_new=True, notes=_notes(run))
 
@@ -466,6 +467,7 @@ def add_model(store: OpenStore, model: CalibratedAxis) -> Added:
         is_new = session.get(Model, key) is None
         if is_new:
             session.add(Model(digest=key, axis_id=axis.id, document=pack(document), added_at=now()))
+            axis.changed_at = now()
             record(session, "add", f"model {key}", axis=axis.name)
     return Added("model", key, model.axis, is_new=is_new)
 
@@ -505,6 +507,7 @@ def add_events(store: OpenStore, events: tuple[Event, ...], axis: str) -> Added:
                     )
                 )
                 session.flush()
+                row.changed_at = now()
                 record(session, "add", f"event {key}", axis=axis, at=event.at, kind=event.kind)
                 is_new = True
     return Added("events", axis, axis, is_new=is_new)

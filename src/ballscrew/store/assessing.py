@@ -136,6 +136,7 @@ def _store(
     """Rows of an assessment, unless they are there."""
     axis = session.get_one(Axis, history.axis.id)
     row = session.scalar(select(Assessment).where(Assessment.axis_id == axis.id, Assessment.inputs == inputs))
+    axis.changed_at = None
     if row is not None and axis.assessment_id == row.id:
         return
     if row is None:

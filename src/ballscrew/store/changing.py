@@ -20,6 +20,7 @@ from ballscrew.store.folder import actor, now
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.reading import find_axis, find_run, run_versions
 from ballscrew.store.tables import (
+    Axis,
     Correction,
     Document,
     EventRow,
@@ -198,9 +199,22 @@ def choose_model(store: OpenStore, axis: str, model: str, *, reason: str = "") -
                     at=now(),
                 )
             )
-            row.model_digest = found[0]
+            row.model_digest, row.changed_at = found[0], now()
             record(session, "correct", f"axis {axis}", model=found[0], reason=reason)
         return found[0]
+
+
+def _find_event(session: Session, subject: str) -> EventRow | None:
+    """Event whose id begins so; None where no event's does."""
+    of_event = EventRow.digest.startswith(subject, autoescape=True)
+    of_run = RunRow.run.startswith(subject, autoescape=True)
+    events = session.scalars(select(EventRow).where(of_event).limit(2)).all()
+    runs = session.scalars(select(RunRow.run).where(of_run).limit(1)).all()
+    if not subject or not events:
+        return None
+    if runs or len(events) > 1:
+        raise InputError(f"several runs or events begin with {shown(subject)}; give more of the id.")
+    return events[0]
 
 
 def exclude(store: OpenStore, subject: str, *, reason: str = "", undo: bool = False) -> str:
@@ -230,16 +244,14 @@ def exclude(store: OpenStore, subject: str, *, reason: str = "", undo: bool = Fa
     if not undo and not reason.strip():
         raise InputError("an exclusion needs a reason (--reason).")
     with store.write("store exclude") as session:
-        events = session.scalars(
-            select(EventRow).where(EventRow.digest.startswith(subject, autoescape=True)).limit(2)
-        ).all()
-        if subject and len(events) == 1:
-            name, ids = events[0].digest, [events[0].id]
-            standing = Exclusion.event_id.in_(ids)
-            row = Exclusion(event_id=events[0].id)
+        event = _find_event(session, subject)
+        if event is not None:
+            name, axis = event.digest, event.axis_id
+            standing = Exclusion.event_id == event.id
+            row = Exclusion(event_id=event.id)
         else:
             run = find_run(session, subject)
-            name = run.run
+            name, axis = run.run, run.axis_id
             standing = Exclusion.run_id.in_(run_versions(session, run))
             row = Exclusion(run_id=run.id)
         found = session.scalars(select(Exclusion).where(standing, Exclusion.ended_at.is_(None))).all()
@@ -250,5 +262,6 @@ def exclude(store: OpenStore, subject: str, *, reason: str = "", undo: bool = Fa
             row.reason, row.actor, row.begun_at = reason, actor(), now()
             session.add(row)
         if undo == bool(found):
+            session.get_one(Axis, axis).changed_at = now()
             record(session, "include" if undo else "exclude", name, reason=reason)
     return name

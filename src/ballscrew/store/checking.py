@@ -140,7 +140,9 @@ def _row_faults(session: Session, counts: list[int]) -> Iterator[str]:
 
 
 def _axis_faults(session: Session) -> Iterator[str]:
-    """Axes whose number of runs, assessment or model is not in the store."""
+    """Axes whose number of runs, assessment or model is not in the store, and runs without a result."""
+    for run in session.scalars(select(RunRow.run).where(RunRow.id.not_in(select(ResultRow.run_id)))):
+        yield f"database: the result of the run {run[:12]} is missing"
     counted = select(RunRow.axis_id, func.count()).group_by(RunRow.axis_id)
     numbers = {axis: number for axis, number in session.execute(counted)}  # noqa: C416
     axes = select(Axis.id, Axis.name, Axis.runs, Axis.assessment_id, Axis.model_digest)

@@ -19,7 +19,7 @@ from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.provenance import digest
 from ballscrew.store.checking import verify
 from ballscrew.store.database import connect_sqlite, make_engine, sqlite_url, translated
-from ballscrew.store.folder import DataFolder
+from ballscrew.store.folder import DataFolder, check_outside_stores
 from ballscrew.store.histories import current_events
 from ballscrew.store.migrating import copy_sqlite, settle, upgrade
 from ballscrew.store.opened import OpenStore, record, tables
@@ -81,6 +81,7 @@ def backup(store: OpenStore, to: str | Path) -> Path:
 @contextmanager
 def _new_folder(final: Path) -> Iterator[Path]:
     """Temporary folder that becomes ``final`` at the end, complete and durable, or does not exist."""
+    check_outside_stores(final.parent)
     if final.exists():
         raise InputError(f"{final}: exists; give a new folder.")
     temporary = None
@@ -226,6 +227,7 @@ def archive(store: OpenStore, axis: str, to: str | Path, *, newest: int = 30) ->
         If there is no such axis, or a file cannot be copied; it then stays in the store.
     """
     target = Path(to)
+    check_outside_stores(target)
     if newest < 0:
         raise InputError(f"the number of newest runs is {newest}; it must be 0 or more.")
     try:
@@ -243,8 +245,10 @@ def archive(store: OpenStore, axis: str, to: str | Path, *, newest: int = 30) ->
             size += row.stored_size
         if moved:
             record(session, "archive", f"axis {axis}", to=str(target), files=[file[0] for file in moved])
-    for sha256, compression in moved:  # what is left here by a kill, gc removes
-        path_of(store.folder.files, sha256, compression).unlink(missing_ok=True)
+    with store.write("store archive") as session:  # what is left here by a kill, gc removes
+        for sha256, compression in moved:
+            if session.get_one(RawFile, sha256).archived_to is not None:  # it was not added again
+                path_of(store.folder.files, sha256, compression).unlink(missing_ok=True)
     return {"schema": SCHEMA, "axis": axis, "to": str(target), "files": len(moved), "bytes": size}
 
 

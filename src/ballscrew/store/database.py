@@ -23,10 +23,14 @@ _WAL_LIMIT = 64 << 20  # bytes that the write-ahead log keeps after a checkpoint
 
 # Sentence for what databases report, by a part of their message.
 _SENTENCES = (
-    ("malformed|not a database|disk image", "the database is damaged; restore a backup to another folder"),
+    (
+        "malformed|not a database|disk image|Could not decode",
+        "the database is damaged; restore a backup to another folder",
+    ),
     ("database or disk is full|No space left", "the disk is full; nothing was added"),
     ("readonly database|read-only", "the database is read-only"),
     ("database is locked", "the database is in use by another process; try again"),
+    ("no such (table|column)", "the database lacks a table or a column: it is damaged"),
     ("unable to open database|no such file", "the database cannot be opened"),
     ("disk I/O error", "the disk reported an error; nothing was added"),
     (
@@ -155,6 +159,8 @@ def translated(where: object) -> Iterator[None]:
     """
     try:
         yield
+    except UnicodeEncodeError:
+        raise InputError(f"{where}: a text is not valid Unicode.") from None
     except (DBAPIError, sqlite3.Error, OSError) as error:
         if isinstance(error, OSError) and error.filename is not None:
             raise

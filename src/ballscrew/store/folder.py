@@ -20,6 +20,7 @@ from ballscrew.base.tomlfile import read_toml
 _PATIENCE = 60.0  # s; a command writes for less than a second, a large run for a few
 _LOCKED_BYTE = 1 << 30  # behind the text, which must stay readable on Windows
 _LAYOUT = 1
+_CONFIG = "store.toml"
 
 
 def now() -> str:
@@ -35,6 +36,20 @@ def actor() -> str:
     return f"{user}@{socket.gethostname()}"
 
 
+def check_outside_stores(target: Path) -> None:
+    """Check that a folder to write to is not in a store, whose files could be replaced or removed.
+
+    Raises
+    ------
+    InputError
+        If it is.
+    """
+    resolved = target.resolve()
+    for folder in (resolved, *resolved.parents):
+        if (folder / _CONFIG).is_file():
+            raise InputError(f"{target}: is in the store {folder}; give a folder outside of it.")
+
+
 class DataFolder:
     """Data folder of a store.
 
@@ -48,7 +63,7 @@ class DataFolder:
         self.path = path
         self.sqlite = path / "store.sqlite"
         self.files = path / "files"
-        self._config = path / "store.toml"
+        self._config = path / _CONFIG
         self._damage = path / "damaged.txt"
         self._lock = path / "store.lock"
 

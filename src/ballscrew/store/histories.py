@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -163,7 +164,8 @@ def _newest_checkpoint(
         last = count == len(rows) or rows[count].time > rows[count - 1].time
         if last and prefixes[count - 1] == key:
             row = session.get_one(CheckpointRow, (axis.id, key))
-            return Checkpoint.from_bytes(row.document, f"the checkpoint of {axis.name}"), count
+            with suppress(InputError):  # a damaged one is made again
+                return Checkpoint.from_bytes(row.document), count
     return None, 0
 
 

@@ -185,26 +185,28 @@ def list_axes(store: OpenStore) -> dict[str, Any]:
     """
     with store.read() as session:
         found = session.execute(
-            select(Axis.name, Axis.runs, MachineRow.site, MachineRow.name, Assessment)
+            select(Axis.name, Axis.runs, MachineRow.site, MachineRow.name, Axis.changed_at, Assessment)
             .outerjoin(MachineRow, MachineRow.id == Axis.machine_id)
             .outerjoin(Assessment, Assessment.id == Axis.assessment_id)
             .order_by(MachineRow.site, MachineRow.name, Axis.name)
         ).all()
     axes = []
-    for name, runs, site, machine, assessment in found:
+    for name, runs, site, machine, changed_at, assessment in found:
         row = {"axis": name, "site": site or None, "machine": machine, "runs": runs}
-        axes.append(row | _assessment_document(assessment))
+        axes.append(row | _assessment_document(assessment, changed_at))
     return {"schema": SCHEMA, "axes": axes}
 
 
-def _assessment_document(row: Assessment | None) -> dict[str, Any]:
-    """State and forecast of an axis; unknown where it was not assessed."""
+def _assessment_document(row: Assessment | None, changed_at: str | None) -> dict[str, Any]:
+    """State and forecast of an axis; unknown where it was not assessed since its history has changed."""
+    document: dict[str, Any] = {"state": "unknown", "urgency": "unknown", "changed_at": changed_at}
     if row is None:
-        unknown = dict.fromkeys(("assessed_at", "newest_at", "alarm_at", "stiffness"))
-        return {"state": "unknown", "urgency": "unknown"} | unknown | {"rul_days": {}, "reasons": []}
-    return {
-        "state": row.state,
-        "urgency": row.urgency,
+        unknown = dict.fromkeys(("last_state", "assessed_at", "newest_at", "alarm_at", "stiffness"))
+        return document | unknown | {"rul_days": {}, "reasons": []}
+    if changed_at is None:
+        document |= {"state": row.state, "urgency": row.urgency}
+    return document | {
+        "last_state": row.state,
         "assessed_at": row.made_at,
         "newest_at": row.newest_at,
         "alarm_at": row.alarm_at,
@@ -259,7 +261,7 @@ def show_axis(store: OpenStore, name: str) -> dict[str, Any]:
             "schema": SCHEMA,
             "axis": axis.name,
             "method": None if method is None else {"name": method.name, "revision": method.revision},
-            **_assessment_document(assessment),
+            **_assessment_document(assessment, axis.changed_at),
             "runs": _runs_document(session, axis, method, trend(session, axis)),
             "alarms": [_named(row, "epoch", "began_at", "raised_at", "retracted_at") for row in alarms],
             "events": [_named(row, "digest", "at", "kind", "text") for row in events],

@@ -366,5 +366,5 @@ def switch_axis(store: OpenStore, name: str, options: AnalysisOptions) -> None:
                 at=now(),
             )
         )
-        axis.method_id = target.id
+        axis.method_id, axis.changed_at = target.id, now()
         record(session, "switch", f"axis {name}", method=target.name, revision=target.revision)

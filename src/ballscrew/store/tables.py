@@ -108,7 +108,10 @@ class MachineRow(Checked, Base):
 
 
 class Axis(Checked, Base):
-    """An axis by its name: what was chosen for its history, its newest assessment, its number of runs."""
+    """An axis by its name: what was chosen for its history, its newest assessment, its number of runs.
+
+    ``changed_at`` is the time of a change of the history that the assessment does not contain yet.
+    """
 
     __tablename__ = "axes"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -117,6 +120,7 @@ class Axis(Checked, Base):
     model_digest: Mapped[str | None] = mapped_column()
     method_id: Mapped[int | None] = mapped_column(ForeignKey("methods.id"))
     assessment_id: Mapped[int | None] = mapped_column()
+    changed_at: Mapped[str | None]
     runs: Mapped[int] = mapped_column(default=0)
 
 

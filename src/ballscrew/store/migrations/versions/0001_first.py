@@ -83,6 +83,7 @@ def upgrade() -> None:
         sa.Column("model_digest", sa.Text(), nullable=True),
         sa.Column("method_id", sa.Integer(), nullable=True),
         sa.Column("assessment_id", sa.Integer(), nullable=True),
+        sa.Column("changed_at", sa.Text(), nullable=True),
         sa.Column("runs", sa.Integer(), nullable=False),
         sa.Column("checksum", sa.BigInteger(), nullable=False),
         sa.ForeignKeyConstraint(["machine_id"], ["machines.id"], name=op.f("fk_axes_machine_id")),
