@@ -191,7 +191,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
         _flush(temporary)
         _copy_mode(path, temporary)
         temporary.replace(path)
-        _flush_folder(path.parent)
+        sync_folder(path.parent)
     except OSError as error:
         reason = "there is no such folder, or it is read-only"
         if error.errno:  # HDF5 puts several lines into strerror
@@ -262,8 +262,8 @@ def _flush(path: Path) -> None:
         os.fsync(file.fileno())
 
 
-def _flush_folder(folder: Path) -> None:
-    """Make the new name durable where a folder can be opened; Windows has no such call."""
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder durable where it can be opened; Windows has no such call."""
     if os.name == "nt":
         return
     handle = os.open(folder, os.O_RDONLY)

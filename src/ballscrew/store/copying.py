@@ -14,7 +14,7 @@ from sqlalchemy import Connection, create_engine, insert, select, text
 from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import write_text
+from ballscrew.base.files import sync_folder, write_text
 from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.provenance import digest
 from ballscrew.store.checking import verify
@@ -23,7 +23,7 @@ from ballscrew.store.folder import DataFolder, check_outside_stores
 from ballscrew.store.histories import current_events
 from ballscrew.store.migrating import copy_sqlite, settle, upgrade
 from ballscrew.store.opened import OpenStore, record, tables
-from ballscrew.store.raw_files import clone_file, copy_out, make_folder, path_of, sync_folder
+from ballscrew.store.raw_files import clone_file, copy_out, make_folder, path_of
 from ballscrew.store.reading import current_rows, find_axis, find_method
 from ballscrew.store.tables import (
     AlarmRow,

@@ -11,9 +11,9 @@ from alembic.config import Config
 from sqlalchemy import Connection
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import sync_folder
 from ballscrew.store.database import connect_sqlite, make_engine, schema_of, sqlite_url, translated
 from ballscrew.store.folder import DataFolder
-from ballscrew.store.raw_files import sync_folder
 from ballscrew.store.tables import SCHEMA, SCHEMAS
 
 _MIGRATIONS = Path(__file__).parent / "migrations"

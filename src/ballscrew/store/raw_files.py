@@ -15,7 +15,7 @@ from typing import BinaryIO
 import zstandard
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import open_regular
+from ballscrew.base.files import open_regular, sync_folder
 
 _BLOCK = 1 << 20
 _LEAST_GAIN = 0.9  # compressed over plain size of the first block, from which on a file is stored as it is
@@ -223,17 +223,6 @@ def make_folder(path: Path) -> None:
     path.mkdir(parents=True, exist_ok=True)
     for each in missing:
         sync_folder(each.parent)
-
-
-def sync_folder(folder: Path) -> None:
-    """Make names in a folder durable; Windows has no such call."""
-    if os.name == "nt":
-        return
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 @contextmanager
