@@ -12,7 +12,7 @@ from rich.table import Table
 
 from ballscrew.base.errors import DONE, WRONG_INPUT, InputError, printable
 from ballscrew.base.jsonfile import SCHEMA
-from ballscrew.base.words import percent
+from ballscrew.base.words import percent, plural
 from ballscrew.cli.output import STATE_STYLE, TIME_WIDTH, console, print_json, progress_bar, right_aligned
 
 if TYPE_CHECKING:
@@ -195,7 +195,7 @@ def _headline(document: dict[str, Any]) -> str:
 
 def _runs(runs: Sequence[dict[str, Any]]) -> Table:
     shown = runs[-_SHOWN_RUNS:]
-    title = f"{len(runs)} runs"
+    title = plural(len(runs), "run")
     if len(shown) < len(runs):
         title = f"the newest {len(shown)} of {title}"
     table = Table(title=title, title_justify="left")
