@@ -86,6 +86,7 @@ FIELDS: Mapping[str, json_fields.Field] = {
     # clock
     "rate_error": json_fields.number(-1.0, 1.0),
     "rate_error_uncertainty": json_fields.number(0.0, 1.0),
+    "servo_uncertainty": json_fields.number(0.0, 1.0),
     # made
     "version": json_fields.text(),
     "settings": json_fields.mapping(json_fields.anything),

@@ -24,7 +24,7 @@ def paces(error=0.0, override=0.0, wait=0.0, trips=3, moves=18):
     out = []
     for _ in range(trips):
         scatter = 5e-4 * random.standard_normal((2, moves))
-        out.append(MoveTimes(scatter[0] - error + wait, scatter[1] + error + override))
+        out.append(MoveTimes(scatter[0] - error + wait, scatter[1] + error + override, 0.6))
     return out
 
 
@@ -55,6 +55,16 @@ def test_a_tenth_of_a_per_cent_shows_against_the_baseline():
     assert "+0.10 %" in (clock_difference(later, baseline) or "")
     assert clock_difference(later, None) is None
     assert clock_difference(Clock(0.001, 0.0005), Clock(0.0, 0.0005)) is None
+
+
+def test_a_difference_that_a_worn_servo_can_cause_is_no_other_clock():
+    assert clock_difference(Clock(0.0009, 1e-5, 4e-4), Clock(0.0, 1e-5, 2e-4)) is None
+    assert clock_difference(Clock(0.0009, 1e-5, 2e-4), Clock(0.0, 1e-5, 2e-4)) is not None
+
+
+def test_the_servo_counts_more_where_the_dwell_is_short():
+    long, short = (estimate_clock([replace(trip, planned=time) for trip in paces()]) for time in (0.6, 0.2))
+    assert short.servo_uncertainty == pytest.approx(3 * long.servo_uncertainty)
 
 
 def test_the_clock_of_good_recordings_fits_the_plan(run):

@@ -5,7 +5,9 @@ override scales the speed and leaves the dwell; a drive that waits for its posit
 leaves the speed. Only a clock changes both, in opposite directions.
 
 From the start of one move to the start of the next in the same direction, a drive needs the way over the
-speed, one acceleration and the dwell. The lag of the servo is the same at both ends and cancels.
+speed, one acceleration and the dwell. The lag of the servo is the same at both ends and cancels, unless one
+of them follows a reversal: friction has turned the axis and the screw the other way, and the start of the
+first move is detected 1 to 4 ms late. So a move counts if the one before it had the same direction too.
 """
 
 from __future__ import annotations
@@ -27,9 +29,10 @@ from ballscrew.recording.quality.finding import Finding
 _FEWEST = 6  # pairs of moves
 _SETTLING, _BRAKING = 0.45, 0.1  # of a cruise, at its start and end, where the speed may not be the planned
 _LEAST_CRUISE = 0.03  # s
-# Deviation from the plan that a servo which has not settled causes: 0.01 to 0.09 % on nine axes of the
-# testbed with different servos. It is the same in the next run.
-_SERVO = 5e-4
+# Error of a dwell by a servo that has not settled, standard uncertainty in s: 0.14 ms rms over
+# 150 runs of ten axes of the testbed with different servos and loads. It changes with friction and so with
+# wear, by up to 0.3 ms where 40 % of the preload is lost.
+_SERVO = 0.15e-3
 _PLAN = 1.5e-3  # 3 of these, from which on the rate contradicts the plan
 _BASELINE = 6e-4  # of the rate, from which on the clocks of two runs differ
 _SIGMAS = 2.6
@@ -45,13 +48,16 @@ class MoveTimes:
     Parameters
     ----------
     dwell : ndarray, shape (n,)
-        Dwell with one acceleration.
+        Dwell; an acceleration takes less time by as much as the speed is higher.
     speed : ndarray, shape (n,)
         Speed between two stops.
+    planned : float
+        Mean of the plan's dwells, s.
     """
 
     dwell: Array
     speed: Array
+    planned: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +69,18 @@ class Clock:
     rate_error : float
         Declared rate over that which fits the plan, less 1.
     rate_error_uncertainty : float
-        Standard uncertainty by the scatter of the run, without what is the same in every run of the axis.
+        Standard uncertainty by the scatter of the run.
+    servo_uncertainty : float
+        Standard uncertainty by the servo, mostly the same in every run of the axis.
     """
 
     rate_error: float
     rate_error_uncertainty: float
+    servo_uncertainty: float = 5e-4
 
 
 def measure_move_times(motion: Kinematics, phases: Sequence[MotionPhase], plan: Plan) -> MoveTimes:
-    """Dwell and speed of each move that is followed by another in the same direction.
+    """Dwell and speed of each move between two others in the same direction.
 
     Parameters
     ----------
@@ -87,7 +96,7 @@ def measure_move_times(motion: Kinematics, phases: Sequence[MotionPhase], plan: 
     MoveTimes
         Empty where the axis does not dwell or does not reach a constant speed.
     """
-    dwells, speeds = [], []
+    dwells, speeds, times = [], [], []
     for start, end, following in _unidirectional(phases):
         planned = plan.motions[nearest_motion(start, plan)]
         speed = cruising_speed(motion, start, end)
@@ -95,23 +104,26 @@ def measure_move_times(motion: Kinematics, phases: Sequence[MotionPhase], plan: 
         if speed is None or not in_plan:
             continue
         way = abs(end.stop_position - start.stop_position)
-        dwell = (following.start - start.start) / motion.rate - way / speed
+        moving = way / speed + planned.acceleration_time * planned.speed / speed
+        dwell = (following.start - start.start) / motion.rate - moving
         if dwell > 0:
-            dwells.append(math.log(dwell / (planned.dwell + planned.acceleration_time)))
+            times.append(planned.dwell)
+            dwells.append(math.log(dwell / planned.dwell))
             speeds.append(math.log(speed / planned.speed))
-    return MoveTimes(np.array(dwells), np.array(speeds))
+    return MoveTimes(np.array(dwells), np.array(speeds), float(np.mean(times)) if times else math.nan)
 
 
 def _unidirectional(
     phases: Sequence[MotionPhase],
 ) -> Iterator[tuple[MotionPhase, MotionPhase, MotionPhase]]:
-    """Start and end of each complete move, and the start of the next in the same direction."""
+    """Start and end of each complete move between two in the same direction, and the start of the next."""
     moves = []
     for start, end in pairwise(phases):
         if start.condition.accelerating and not end.condition.accelerating:
             moves.append((start, end))
-    for (start, end), (following, _) in pairwise(moves):
-        if start.condition == following.condition and start.complete and end.complete:
+    for (before, _), (start, end), (following, _) in zip(moves, moves[1:], moves[2:], strict=False):
+        one_way = before.condition == start.condition == following.condition
+        if one_way and start.complete and end.complete:
             yield start, end, following
 
 
@@ -157,14 +169,15 @@ def estimate_clock(trips: Sequence[MoveTimes]) -> Clock | None:
     if by_dwell is None or by_speed is None:
         return None
     (dwell, u_dwell), (speed, u_speed) = by_dwell, by_speed
-    allowed = max(_SIGMAS * math.hypot(u_dwell, u_speed, _SERVO), _WAIT * abs(dwell))
+    servo = _SERVO / float(np.mean([trip.planned for trip in trips if len(trip.dwell)]))
+    allowed = max(_SIGMAS * math.hypot(u_dwell, u_speed, servo), _WAIT * abs(dwell))
     if abs(dwell - speed) > allowed:
         return None
     weights = np.array([1 / max(u_dwell, _LEAST_SPREAD) ** 2, 1 / max(u_speed, _LEAST_SPREAD) ** 2])
     if sum(len(trip.speed) > 0 for trip in trips) < _TRIPS:
         weights[1] = 0.0
     error = float(weights @ np.array([dwell, speed]) / weights.sum())
-    return Clock(math.expm1(error), float(weights.sum() ** -0.5))
+    return Clock(math.expm1(error), float(weights.sum() ** -0.5), servo)
 
 
 def _mean(trips: Sequence[Array]) -> tuple[float, float] | None:
@@ -197,7 +210,7 @@ def check_clock(clock: Clock | None, rate: float) -> list[Finding]:
     """
     if clock is None:
         return []
-    error, spread = clock.rate_error, math.hypot(clock.rate_error_uncertainty, _SERVO)
+    error, spread = clock.rate_error, math.hypot(clock.rate_error_uncertainty, clock.servo_uncertainty)
     if abs(error) < max(_PLAN, _SIGMAS * spread):
         return []
     text = (
@@ -218,7 +231,8 @@ def clock_difference(clock: Clock | None, baseline: Clock | None) -> str | None:
     if clock is None or baseline is None:
         return None
     difference = (1 + clock.rate_error) / (1 + baseline.rate_error) - 1
-    spread = math.hypot(clock.rate_error_uncertainty, baseline.rate_error_uncertainty)
+    servo = max(clock.servo_uncertainty, baseline.servo_uncertainty)
+    spread = math.hypot(clock.rate_error_uncertainty, baseline.rate_error_uncertainty, servo)
     if abs(difference) < max(_BASELINE, _SIGMAS * spread):
         return None
     return (
