@@ -122,8 +122,8 @@ def _unidirectional(
         if start.condition.accelerating and not end.condition.accelerating:
             moves.append((start, end))
     for (before, _), (start, end), (following, _) in zip(moves, moves[1:], moves[2:], strict=False):
-        one_way = before.condition == start.condition == following.condition
-        if one_way and start.complete and end.complete:
+        same = before.condition == start.condition == following.condition
+        if same and start.complete and end.complete:
             yield start, end, following
 
 
