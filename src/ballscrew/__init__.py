@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from ballscrew.recording.recording import Recording as Recording
     from ballscrew.reproduction.demo import demo as demo
     from ballscrew.reproduction.reproduce import reproduce as reproduce
+    from ballscrew.sending.sender import send as send
     from ballscrew.store.reprocessing import reprocess as reprocess
     from ballscrew.store.store import Store as Store
 
@@ -105,6 +106,7 @@ _HOME = {
     "reprocess": "store.reprocessing",
     "reproduce": "reproduction.reproduce",
     "resonances": "modal.resonances",
+    "send": "sending.sender",
     "simulate": "cli.simulate",
     "watch": "cli.watch",
     "write_model": "calibration.modelfile",

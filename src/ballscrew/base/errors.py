@@ -14,6 +14,7 @@ WRONG_INPUT = 2
 WATCH = 3
 ALARM = 4
 UNASSESSED = 5
+SPOOLED = 75
 
 _LONGEST = 80
 # Controls of terminals, ends of lines, directions of writing: a name in a file may contain any.

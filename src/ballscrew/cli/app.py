@@ -26,6 +26,7 @@ from ballscrew.cli.options import (
     option,
 )
 from ballscrew.cli.plan_app import plan
+from ballscrew.cli.send_app import send
 from ballscrew.cli.simulate_app import simulate
 from ballscrew.cli.store_app import reprocess, store
 
@@ -348,3 +349,8 @@ def reproduce(
 app.add_typer(simulate, name="simulate")
 app.add_typer(store, name="store")
 app.command(cls=Command, epilog='Example: ballscrew reprocess "X axis" --store plant --workers 4')(reprocess)
+app.command(
+    cls=Command,
+    epilog="Examples: ballscrew send run.toml --to https://plant:8443 --token-file token.txt\n\n"
+    'ballscrew send --watch D:\\X1 --pattern "{axis}_{run}_trip{trip}.h5" --trips 3 --to https://plant:8443',
+)(send)

@@ -15,10 +15,10 @@ from typing import IO, Any
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import write_text
+from ballscrew.base.locks import try_lock, unlock
 from ballscrew.base.tomlfile import read_toml
 
 _PATIENCE = 60.0  # s; a command writes for less than a second, a large run for a few
-_LOCKED_BYTE = 1 << 30  # behind the text, which must stay readable on Windows
 _LAYOUT = 1
 _CONFIG = "store.toml"
 
@@ -145,11 +145,11 @@ class DataFolder:
                 yield
             finally:
                 stream.truncate(0)
-                _unlock(stream)
+                unlock(stream)
 
     def _wait(self, stream: IO[str]) -> None:
         deadline = time.monotonic() + _PATIENCE
-        while not _try_lock(stream):
+        while not try_lock(stream):
             holder = self._holder()
             if holder.get("serving") or time.monotonic() > deadline:
                 words = "another process"
@@ -165,28 +165,3 @@ class DataFolder:
             if isinstance(found, dict) and {"purpose", "process", "by", "since"} <= set(found):
                 return found
         return {}
-
-
-def _try_lock(stream: IO[str]) -> bool:
-    try:
-        if os.name == "nt":
-            import msvcrt
-
-            stream.seek(_LOCKED_BYTE)
-            msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
-        else:
-            import fcntl
-
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return False
-    return True
-
-
-def _unlock(stream: IO[str]) -> None:
-    if os.name == "nt":
-        import msvcrt
-
-        stream.seek(_LOCKED_BYTE)
-        msvcrt.locking(stream.fileno(), msvcrt.LK_UNLCK, 1)  # type: ignore[attr-defined,unused-ignore]
-    # Elsewhere the lock ends with the file.

@@ -1,0 +1,183 @@
+"""``ballscrew send``: its options, and what it prints."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ballscrew.base.errors import DONE, SPOOLED, WRONG_INPUT, InputError, printable
+from ballscrew.base.words import plural
+from ballscrew.cli.options import flag, option
+
+if TYPE_CHECKING:
+    from ballscrew.sending.outgoing import OutgoingRun, RunRule
+    from ballscrew.sending.sender import SendSettings
+    from ballscrew.sending.server import Answer
+
+_GIGABYTE = 1e9
+
+
+def send(
+    to: Annotated[str, option("URL of the server.", "https://host:8443")],
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[FILES…]",
+            help="RUN.toml or RUN.json files, folders of one run each, or the recordings of one run. Without "
+            "them: what is in the spool.",
+        ),
+    ] = None,
+    watch: Annotated[
+        Path | None,
+        option("Send each run of a folder when it is complete, until interrupted by Ctrl-C.", "DIR"),
+    ] = None,
+    axis: Annotated[
+        str | None,
+        option("Name of the axis. [default: the pattern's, else that of RUN.toml's data sheet]", "AXIS"),
+    ] = None,
+    run: Annotated[
+        str | None, option("Key of the run at the server. [default: a hash of its content]", "KEY")
+    ] = None,
+    pattern: Annotated[
+        str | None,
+        option(
+            "Names of recordings without RUN.toml: files of the same {axis} and {run} in a folder are a run; "
+            "{trip} and * may be anything. With '/', names of folders too.",
+            '"{axis}_{run}_trip{trip}.h5"',
+        ),
+    ] = None,
+    trips: Annotated[
+        int | None, option("Files of a complete run without RUN.toml. [default: --plan's]", "N", min=1)
+    ] = None,
+    plan: Annotated[
+        Path | None, option("Plan whose round trips have a file each, for --trips.", "PLAN.toml")
+    ] = None,
+    send_incomplete: Annotated[bool, flag("Send runs with fewer files too.", "--send-incomplete")] = False,
+    settle: Annotated[
+        float,
+        option("With --watch: a file is complete when unchanged for this long, s.", "SECONDS", min=0),
+    ] = 10.0,
+    timeout: Annotated[
+        float,
+        option(
+            "With --watch: a run is incomplete when nothing was added for this long, s; without --trips it "
+            "is then complete.",
+            "SECONDS",
+            min=0,
+        ),
+    ] = 900.0,
+    spool: Annotated[
+        Path | None,
+        option(
+            "Folder for copies of what is not yet sent, for one server. [default: in the user's data folder]",
+            "DIR",
+        ),
+    ] = None,
+    spool_limit: Annotated[
+        float, option("Largest size of the spool; further runs stay where they are, GB.", "GB", min=0)
+    ] = 10.0,
+    token_file: Annotated[
+        Path | None, option("File with the token. [default: the variable BALLSCREW_TOKEN]", "FILE")
+    ] = None,
+    allow_plain_http: Annotated[
+        bool, flag("Allow http:// to another host, in a network that is trusted.", "--allow-plain-http")
+    ] = False,
+    tries: Annotated[
+        int, option("Attempts without success, after which the command ends; not with --watch.", "N", min=1)
+    ] = 6,
+    dry_run: Annotated[
+        bool, flag("List what would be sent; nothing is copied or sent.", "--dry-run")
+    ] = False,
+) -> int:
+    """Send runs to a server (`ballscrew serve`): none is lost, and none counts twice.
+
+    Each run is copied into a spool on the disk, sent with repetitions, and removed from the spool when the
+    server has it. Your files stay as they are. The same run may be sent any number of times.
+
+    What the server refuses is in `rejected` of the spool, with its answer. Exit status 75: something is still
+    in the spool; the next call sends it.
+    """
+    from ballscrew.sending.outgoing import RunRule
+    from ballscrew.sending.sender import SendSettings
+
+    if watch is not None and (files or run is not None):
+        raise InputError("--watch finds the runs itself; give it without FILES and --run.")
+    rule = RunRule(axis, pattern, _trips(trips, plan), send_incomplete)
+    settings = SendSettings(
+        spool=spool,
+        spool_limit=spool_limit * _GIGABYTE,
+        token_file=token_file,
+        plain_http=allow_plain_http,
+        tries=tries,
+        settle=settle,
+        timeout=timeout,
+    )
+    if dry_run:
+        return _list(files or [], watch, to, rule, settings)
+    return _send(files or [], watch, to, rule, settings, run)
+
+
+def _trips(trips: int | None, plan: Path | None) -> int | None:
+    if trips is not None or plan is None:
+        return trips
+    from ballscrew.fcft.plan import read_plan
+
+    stated = read_plan(plan)
+    return stated.repetitions * len(stated.motions)
+
+
+def _send(
+    files: list[Path], watch: Path | None, to: str, rule: RunRule, settings: SendSettings, run: str | None
+) -> int:
+    """Send, print a line for each run, and return the exit status."""
+    from ballscrew.cli.output import progress_bar
+    from ballscrew.sending.sender import SendHooks, send, send_new
+
+    with progress_bar("send") as progress:
+        hooks = SendHooks(_report, _complain, progress)
+        if watch is not None:
+            send_new(watch, to, rule=rule, settings=settings, hooks=hooks)
+        result = send(files, to, rule=rule, run=run, settings=settings, hooks=hooks)
+    if result.waiting:
+        _complain(f"{plural(result.waiting, 'run')} not sent yet: {result.reason}")
+        return SPOOLED
+    return WRONG_INPUT if result.rejected or result.failures else DONE
+
+
+def _report(answer: Answer) -> None:
+    done = answer.status if answer.new else f"was there already, {answer.status}"
+    identity = f", id {answer.id[:12]}" if answer.id else ""
+    _print(f"{answer.name}: run {answer.run} of {answer.axis}{identity}: {done}.")
+
+
+def _complain(sentence: str) -> None:
+    sys.stderr.write(f"ballscrew: {printable(sentence)}\n")
+    sys.stderr.flush()
+
+
+def _print(sentence: str) -> None:
+    sys.stdout.write(f"{printable(sentence)}\n")
+    sys.stdout.flush()
+
+
+def _list(files: list[Path], watch: Path | None, to: str, rule: RunRule, settings: SendSettings) -> int:
+    """Print what would be sent."""
+    from ballscrew.sending.sender import preview
+
+    status = DONE
+    for run, state in preview(files, watch, to, rule, settings):
+        if isinstance(run, InputError):
+            _complain(str(run))
+            status = run.exit_status
+        else:
+            _print(_line(run, state))
+    return status
+
+
+def _line(run: OutgoingRun, state: str) -> str:
+    size = sum(path.stat().st_size for path in run.paths)
+    line = f"{run.name}: {plural(len(run.paths), 'file')} of {run.axis}, {size / 1e6:.1f} MB"
+    return f"{line}; {state} before" if state else line

@@ -1,0 +1,426 @@
+"""The server as a sender uses it: files by their hash, resumed where they were cut, then the run."""
+
+from __future__ import annotations
+
+import hashlib
+import ipaddress
+import json
+import os
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote, urlsplit
+
+from ballscrew._version import __version__
+from ballscrew.base.errors import BallscrewError, InputError, printable
+from ballscrew.base.files import open_regular, read_whole
+from ballscrew.sending.spool import SpooledFile, SpooledRun
+
+if TYPE_CHECKING:
+    from httpx import Response
+
+_ENVIRONMENT = "BALLSCREW_TOKEN"
+
+Uploaded = Callable[[int], None]
+"""Called with the number of bytes of a run that the server has."""
+
+_BLOCK = 1 << 18
+_ROUNDS = 8  # corrections of the offset of one file in one attempt
+_LONGEST_ANSWER = 2000  # characters that are reported
+_CONNECT_TIMEOUT = 10.0  # s
+_TIMEOUT = 60.0  # s without any progress; a server makes a file durable in 1 s
+_LARGEST_TOKEN = 4096  # bytes
+_NO_HEAD = (405, 501)
+_AGAIN = (408, 425, 429, 507)
+_OVERLOADED = (429, 502, 503, 504, 507)
+_COMPLETE, _OFFSET = "Upload-Complete", "Upload-Offset"
+
+
+class DelayError(BallscrewError):
+    """The server cannot take a run now.
+
+    Attributes
+    ----------
+    wait : float or None
+        Time that the server asks for, s.
+    general : bool
+        Whether other runs would fare the same.
+    lasting : bool
+        Whether someone must act before a repetition can succeed.
+    """
+
+    def __init__(
+        self, message: str, *, wait: float | None = None, general: bool = True, lasting: bool = False
+    ) -> None:
+        super().__init__(message)
+        self.wait = wait
+        self.general = general
+        self.lasting = lasting
+
+
+class RefusalError(BallscrewError):
+    """The server refuses a run for good."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Answer of the server to a run that it has.
+
+    Parameters
+    ----------
+    name : str
+        Of the run at the sender.
+    axis, run : str
+        Axis, and key of the run.
+    id : str or None
+        Of its content, as the server computed it.
+    status : str
+        ``"queued"``, or what has become of it since.
+    new : bool
+        Whether it was not there before.
+    """
+
+    name: str
+    axis: str
+    run: str
+    id: str | None
+    status: str
+    new: bool
+
+
+def check_address(address: str, *, plain: bool) -> str:
+    """Check the URL of a server.
+
+    Parameters
+    ----------
+    address : str
+        ``https://host:port/path``.
+    plain : bool
+        Whether plain HTTP is allowed to another host than this.
+
+    Returns
+    -------
+    str
+        Without a slash at the end.
+
+    Raises
+    ------
+    InputError
+        If it is none, contains a password, or is plain HTTP to another host.
+    """
+    try:
+        parts = urlsplit(address)
+        host, _ = parts.hostname, parts.port
+    except ValueError:
+        host = None
+    if not host or parts.scheme not in ("http", "https") or re.search(r"[\s\x00-\x1f\\]", address):
+        raise InputError(f"--to is {address!r}; it must be a URL, such as https://host:8443.")
+    if parts.username is not None:
+        raise InputError("--to contains a name or a password; use a token (--token-file).")
+    if parts.query or parts.fragment:
+        raise InputError(f"--to is {address!r}; it must have no '?' and no '#'.")
+    if parts.scheme == "http" and not plain and not _is_this_host(host):
+        raise InputError(
+            f"{address}: plain HTTP would send recordings and token readable over the network; use https://, "
+            "or --allow-plain-http where the network is trusted."
+        )
+    return address.rstrip("/")
+
+
+def check_key(key: str) -> None:
+    """Check the key of a run, which is a part of URLs.
+
+    Raises
+    ------
+    InputError
+        If it has other characters, or too many.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}", key):
+        raise InputError(f"--run is {key!r}; it must have letters, digits, '.', '_' and '-', 100 at most.")
+
+
+def _is_this_host(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def token_source(path: Path | None) -> Callable[[], str | None]:
+    """Function that reads the token: from a file, else from the environment.
+
+    Parameters
+    ----------
+    path : Path or None
+        File with the token; None for the variable BALLSCREW_TOKEN.
+
+    Returns
+    -------
+    callable
+        Its result is None without a token. It raises an InputError, which does not contain the token, if the
+        file cannot be read or the token could not be sent.
+    """
+
+    def read() -> str | None:
+        if path is None:
+            text, place = os.environ.get(_ENVIRONMENT, ""), _ENVIRONMENT
+        else:
+            text, place = read_whole(path, _LARGEST_TOKEN).decode("utf-8-sig", "replace"), str(path)
+        token = text.strip()
+        if not re.fullmatch(r"[\x21-\x7e]*", token):
+            raise InputError(f"{place}: is no token: it has blanks, or characters beyond ASCII.")
+        if path is not None and not token:
+            raise InputError(f"{place}: is empty; it must contain the token.")
+        return token or None
+
+    return read
+
+
+class Server:
+    """Connection to a server.
+
+    Parameters
+    ----------
+    address : str
+        As :func:`check_address` returned it.
+    token : callable
+        Returns the token or None; called before each pass, so that a new one needs no restart.
+    timeout : float
+        Longest time without progress, s.
+
+    Raises
+    ------
+    InputError
+        If httpx is not installed.
+    """
+
+    def __init__(self, address: str, token: Callable[[], str | None], timeout: float = _TIMEOUT) -> None:
+        try:
+            import httpx
+        except ImportError:
+            raise InputError(
+                "send needs httpx; install it by python -m pip install 'ballscrew[send]'."
+            ) from None
+        self.address = address
+        self._token = token
+        limits = httpx.Timeout(timeout, connect=min(timeout, _CONNECT_TIMEOUT))
+        try:
+            self._client = httpx.Client(
+                base_url=address, timeout=limits, headers={"User-Agent": f"ballscrew/{__version__}"}
+            )
+        except (httpx.InvalidURL, OSError, ValueError) as error:  # certificates or a proxy of the environment
+            raise InputError(f"{address}: no connection can be made ({error}).") from None
+
+    def __enter__(self) -> Server:
+        """Use the connection."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close it."""
+        self._client.close()
+
+    def authorise(self) -> None:
+        """Read the token again."""
+        token = self._token()
+        if token is None:
+            self._client.headers.pop("Authorization", None)
+        else:
+            self._client.headers["Authorization"] = f"Bearer {token}"
+
+    def send(self, run: SpooledRun, uploaded: Uploaded) -> Answer:
+        """Send a run; a repetition is the same to the server.
+
+        Parameters
+        ----------
+        run : SpooledRun
+            In the spool.
+        uploaded : callable
+            See :data:`Uploaded`.
+
+        Returns
+        -------
+        Answer
+            The server has the run durably.
+
+        Raises
+        ------
+        DelayError
+            If it should be sent again later.
+        RefusalError
+            If the server refuses it.
+        """
+        path = f"/api/v1/axes/{quote(run.axis, safe='')}/runs/{quote(run.key, safe='')}"
+        before = 0
+        for file in run.uploads:
+            further = partial(_add, uploaded, before)
+            self._upload(f"{path}/files/{file.sha256}", run.folder / file.sha256, file, further)
+            before += file.size
+        files = [{"name": file.name, "sha256": file.sha256} for file in run.files]
+        document = {
+            "files": files,
+            "run_toml": run.run_toml,
+            "run_json": run.run_json.sha256 if run.run_json else None,
+            "measured_at": run.measured_at,
+        }
+        response = self._request("POST", f"{path}/complete", json=document)
+        return self._answer(run, response)
+
+    def _answer(self, run: SpooledRun, response: Response) -> Answer:
+        """Answer to a run; a proxy that answers 200 to everything has not stored it."""
+        try:
+            found = response.json()
+        except ValueError:
+            found = None
+        if not isinstance(found, dict) or found.get("run") != run.key:
+            raise self._no_server(response)
+        identity = found.get("id")
+        return Answer(
+            name=run.name,
+            axis=run.axis,
+            run=run.key,
+            id=None if identity is None else str(identity),
+            status=str(found.get("status", "")),
+            new=response.status_code != 200,
+        )
+
+    def _no_server(self, response: Response) -> DelayError:
+        return DelayError(
+            f"{self.address}: answers {response.status_code} but not as a ballscrew server does; check --to.",
+            lasting=True,
+        )
+
+    def _upload(self, url: str, path: Path, file: SpooledFile, uploaded: Uploaded) -> None:
+        """Send a file, from where the server has it."""
+        if not path.is_file() or path.stat().st_size != file.size:
+            raise RefusalError(f"{file.name}: its copy in the spool is damaged; send the run again.")
+        offset = self._offset(url, file)
+        if offset is None:
+            return
+        for _ in range(_ROUNDS):
+            response = self._put(url, path, file, offset, uploaded)
+            if response.status_code == 422:
+                self._check_copy(path, file, response, offset)
+                offset = 0  # what the server had of it was of another content
+                continue
+            if response.status_code in (200, 201):
+                return
+            offset = _stated_offset(response, file.size)
+        raise DelayError(f"{file.name}: the server does not accept the rest of it now.", general=False)
+
+    def _check_copy(self, path: Path, file: SpooledFile, response: Response, offset: int) -> None:
+        """Find who is right where the server has found another hash."""
+        with open_regular(path) as stream:
+            found = hashlib.file_digest(stream, "sha256").hexdigest()
+        if found != file.sha256:
+            raise RefusalError(f"{file.name}: its copy in the spool is damaged; send the run again.")
+        if offset == 0:
+            raise RefusalError(f"{file.name}: {_detail(response)}")
+
+    def _offset(self, url: str, file: SpooledFile) -> int | None:
+        """Bytes of a file that the server has; None if it has all."""
+        response = self._request("HEAD", url, accepted=(404, *_NO_HEAD))
+        if response.status_code >= 400:
+            return 0
+        if response.headers.get(_COMPLETE) == "?1":
+            return None
+        return _stated_offset(response, file.size)
+
+    def _put(self, url: str, path: Path, file: SpooledFile, offset: int, uploaded: Uploaded) -> Response:
+        headers = {"Content-Type": "application/octet-stream", "Content-Length": str(file.size - offset)}
+        if offset:
+            headers["Content-Range"] = f"bytes {offset}-{file.size - 1}/{file.size}"
+        content = _blocks(path, offset, file.size, uploaded)
+        return self._request("PUT", url, accepted=(409, 422), content=content, headers=headers)
+
+    def _request(self, method: str, url: str, accepted: tuple[int, ...] = (), **body: Any) -> Response:
+        """Response of the server.
+
+        Raises
+        ------
+        DelayError
+            If there is none, or it asks for a repetition.
+        RefusalError
+            If it has any other status that is not 2xx and not accepted.
+        """
+        import httpx
+
+        try:
+            response = self._client.request(method, url, **body)
+        except (httpx.TransportError, httpx.DecodingError) as error:
+            cause = str(error) or type(error).__name__
+            raise DelayError(f"{self.address}: no connection ({cause}).") from None
+        status = response.status_code
+        if response.is_success or status in accepted:
+            return response
+        if status in (401, 403):
+            raise DelayError(
+                f"{self.address}: the token is missing or not allowed to send for this axis "
+                f"(--token-file, BALLSCREW_TOKEN): {_detail(response)}",
+                lasting=True,
+            )
+        if status < 400:
+            raise self._no_server(response)
+        if status >= 500 or status in _AGAIN:
+            raise DelayError(
+                f"{self.address}: {_detail(response)}",
+                wait=_retry_after(response),
+                general=status in _OVERLOADED,
+            )
+        raise RefusalError(_detail(response))
+
+
+def _add(uploaded: Uploaded, before: int, position: int) -> None:
+    uploaded(before + position)
+
+
+def _blocks(path: Path, offset: int, size: int, uploaded: Uploaded) -> Iterator[bytes]:
+    with open_regular(path) as stream:
+        stream.seek(offset)
+        while block := stream.read(min(_BLOCK, size - offset)):
+            yield block
+            offset += len(block)
+            uploaded(offset)
+
+
+def _stated_offset(response: Response, size: int) -> int:
+    """Offset that the server states; 0, from where all is sent anew, where it states none that can be."""
+    text = response.headers.get(_OFFSET, "")
+    if not re.fullmatch(r"[0-9]{1,18}", text):
+        return 0
+    offset = int(text)
+    return offset if offset < size else 0
+
+
+def _detail(response: Response) -> str:
+    """Status of an answer with its sentence."""
+    try:
+        detail = response.json()["detail"]
+        text = detail if isinstance(detail, str) else json.dumps(detail)
+    except (ValueError, TypeError, KeyError):
+        text = response.text.strip()
+    text = printable(" ".join(text.split()))[:_LONGEST_ANSWER]
+    return f"{response.status_code} {text or response.reason_phrase}"
+
+
+def _retry_after(response: Response) -> float | None:
+    """Time that the server asks to wait, s: a number, or a date."""
+    text = response.headers.get("Retry-After", "").strip()
+    if re.fullmatch(r"[0-9]{1,9}", text):
+        return float(text)
+    try:
+        date = parsedate_to_datetime(text)
+    except ValueError:
+        return None
+    if date.tzinfo is None:
+        date = date.replace(tzinfo=UTC)
+    return max(0.0, (date - datetime.now(UTC)).total_seconds())
