@@ -63,6 +63,7 @@ SUBPACKAGES = {
     "prognosis": "prognosis: how long will it last?",
     "report": "report: what does it look like?",
     "reproduction": "reproduction: does the paper hold?",
+    "sending": "sending: how does a run reach the server?",
     "store": "store: what was measured, estimated and decided?",
     "cli": "cli: the command line",
 }

@@ -40,7 +40,7 @@ app = typer.Typer(
     help="Detect preload loss in ball screws weeks before backlash appears.\n\n"
     "Start with `ballscrew init FILES…`, which inspects your recordings and writes the files to complete.",
     epilog="Exit status: 0 done; 1 bad measurement, refused; 2 the command or a file is wrong; monitor "
-    "--exit-code adds 3 watch, 4 alarm, 5 learning, suspect or not judged.",
+    "--exit-code adds 3 watch, 4 alarm, 5 learning, suspect or not judged; send adds 75 not sent yet.",
 )
 
 

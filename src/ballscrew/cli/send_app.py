@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TextIO
 
 import typer
 
@@ -136,8 +137,11 @@ def _send(
     from ballscrew.cli.output import progress_bar
     from ballscrew.sending.sender import SendHooks, send, send_new
 
+    output = sys.stdout
     with progress_bar("send") as progress:
-        hooks = SendHooks(_report, _complain, progress)
+        # On a terminal, text is printed above the bar; elsewhere the bar must not redirect it.
+        report = partial(_report, None if output.isatty() else output)
+        hooks = SendHooks(report, _complain, progress)
         if watch is not None:
             send_new(watch, to, rule=rule, settings=settings, hooks=hooks)
         result = send(files, to, rule=rule, run=run, settings=settings, hooks=hooks)
@@ -147,20 +151,20 @@ def _send(
     return WRONG_INPUT if result.rejected or result.failures else DONE
 
 
-def _report(answer: Answer) -> None:
+def _report(output: TextIO | None, answer: Answer) -> None:
     done = answer.status if answer.new else f"was there already, {answer.status}"
     identity = f", id {answer.id[:12]}" if answer.id else ""
-    _print(f"{answer.name}: run {answer.run} of {answer.axis}{identity}: {done}.")
+    _print(f"{answer.name}: run {answer.run} of {answer.axis}{identity}: {done}.", output)
 
 
 def _complain(sentence: str) -> None:
-    sys.stderr.write(f"ballscrew: {printable(sentence)}\n")
-    sys.stderr.flush()
+    _print(f"ballscrew: {sentence}", sys.stderr)
 
 
-def _print(sentence: str) -> None:
-    sys.stdout.write(f"{printable(sentence)}\n")
-    sys.stdout.flush()
+def _print(sentence: str, output: TextIO | None = None) -> None:
+    stream = output or sys.stdout
+    stream.write(f"{printable(sentence)}\n")
+    stream.flush()
 
 
 def _list(files: list[Path], watch: Path | None, to: str, rule: RunRule, settings: SendSettings) -> int:

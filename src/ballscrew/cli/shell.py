@@ -39,8 +39,8 @@ def run(arguments: list[str] | None = None) -> int:
     Returns
     -------
     int
-        0 done, 1 refused, 2 the command or a file is wrong, 70 unexpected error, 130 interrupted, 141 the
-        reader of the output has closed it; 3 to 5 with ``--exit-code``.
+        0 done, 1 refused, 2 the command or a file is wrong, 70 unexpected error, 75 not sent yet, 130
+        interrupted, 141 the reader of the output has closed it; 3 to 5 with ``--exit-code``.
     """
     _prepare_streams()
     interrupts = _record_interrupts() if arguments is None else []

@@ -15,6 +15,8 @@ from ballscrew.base.tomlfile import read_toml
 from ballscrew.base.words import plural
 from ballscrew.modal.job import read_run
 
+WINDOWS = os.name == "nt"
+
 _FIELDS = ("axis", "run", "trip")
 _LARGEST = 1 << 20  # bytes of a RUN.toml
 _DOCUMENTS = (".toml", ".json")
@@ -406,7 +408,7 @@ class WatchedFolder:
         open_regular(path, links=False).close()
         if not path.resolve().is_relative_to(self.folder.resolve()):
             raise InputError(f"{path}: is outside of {self.folder} and is not sent.")
-        if os.name == "nt":  # a file that is open for writing can often be opened, but not renamed
+        if WINDOWS:  # a file that is open for writing can often be opened, but not renamed
             try:
                 path.rename(path)
             except OSError as error:

@@ -216,7 +216,8 @@ class Spool:
         total = 0
         for path in self.folder.rglob("*"):
             with suppress(OSError):  # another process may remove it
-                total += path.lstat().st_size
+                if path.is_file():
+                    total += path.stat().st_size
         return total
 
     def put(
