@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from tests.sending.fake_server import FakeServer, fake_server
 
-from ballscrew.sending.sender import SendHooks, SendResult, SendSettings, send
+from ballscrew.sending.sender import SendHooks, SendResult, send
 from ballscrew.sending.server import Answer
+from ballscrew.sending.settings import SendSettings
 
 CONTEXT = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 AXIS = 'name = "X axis"\n'

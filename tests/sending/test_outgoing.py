@@ -10,7 +10,8 @@ import pytest
 from tests.sending.conftest import write_run
 
 from ballscrew import InputError
-from ballscrew.sending.outgoing import OutgoingRun, RunRule, WatchedFolder, find_runs
+from ballscrew.sending.outgoing import OutgoingRun, RunRule, find_runs
+from ballscrew.sending.watched import WatchedFolder
 
 X = RunRule(axis="X axis")
 
@@ -43,6 +44,11 @@ def test_a_run_file_states_axis_files_and_time(tmp_path: Path) -> None:
     run = only_run([path], RunRule())
     assert (run.axis, names_of(run)) == ("X axis", ["trip1.h5", "trip2.h5"])
     assert (run.run_toml, run.measured_at) == (path.read_text(), "2026-01-31T08:00:00+00:00")
+
+
+def test_documents_are_sent_on_demand(tmp_path: Path) -> None:
+    run = only_run([write_run(tmp_path)], RunRule(documents=True))
+    assert names_of(run) == ["trip1.h5", "trip2.h5", "axis.toml", "channels.toml"]
 
 
 def test_an_axis_that_is_given_replaces_that_of_the_data_sheet(tmp_path: Path) -> None:
@@ -216,7 +222,7 @@ def test_a_file_that_is_open_on_windows_is_not_complete(
         assert path == target
         raise PermissionError(13, "The process cannot access the file")
 
-    monkeypatch.setattr("ballscrew.sending.outgoing.WINDOWS", True)
+    monkeypatch.setattr("ballscrew.sending.watched.WINDOWS", True)
     monkeypatch.setattr(Path, "rename", in_use)
     ((_, error),) = watched.scan(0)
     assert "is in use" in str(error)

@@ -22,8 +22,9 @@ from tests.sending.fake_server import FakeServer, Fault, fake_server
 from ballscrew import InputError
 from ballscrew.sending import server as server_module
 from ballscrew.sending.outgoing import RunRule
-from ballscrew.sending.sender import SendHooks, SendResult, SendSettings, preview, send, send_new
-from ballscrew.sending.spool import Spool, default_spool
+from ballscrew.sending.sender import SendHooks, SendResult, send, send_new
+from ballscrew.sending.settings import SendSettings, check_address, spool_folder
+from ballscrew.sending.spool import Spool
 
 Send = Callable[..., SendResult]
 
@@ -93,6 +94,26 @@ def test_an_analysed_run_is_sent_as_its_document(
     (document,) = server.runs.values()
     assert document["files"] == []
     assert server.files[document["run_json"]] == path.read_bytes()
+
+
+def test_files_of_one_name_get_numbers(send_files: Send, server: FakeServer, tmp_path: Path) -> None:
+    for number in (1, 2):
+        (tmp_path / f"trip{number}").mkdir()
+        (tmp_path / f"trip{number}" / "data.h5").write_bytes(bytes([number]))
+    send_files(tmp_path, rule=RunRule(axis="X axis", pattern="trip{trip}/data.h5"))
+    (document,) = server.runs.values()
+    assert [file["name"] for file in document["files"]] == ["01-data.h5", "02-data.h5"]
+
+
+def test_a_run_file_in_a_watched_folder_sends_no_documents_from_elsewhere(
+    folder: Path, server: FakeServer, settings: SendSettings, scene: Scene, tmp_path: Path
+) -> None:
+    (tmp_path / "secret.toml").write_text('name = "X axis"\n')
+    path = write_run(folder / "1")
+    path.write_text(path.read_text().replace("channels.toml", "../../secret.toml"))
+    watch(folder, server, settings, scene, documents=True)
+    assert server.log == []
+    assert "is outside of" in scene.sentences[0]
 
 
 def test_an_empty_file_arrives(send_files: Send, server: FakeServer, tmp_path: Path) -> None:
@@ -426,11 +447,11 @@ def test_a_wrong_address_is_refused(run_toml: Path, settings: SendSettings, addr
     "address", ["http://localhost:1", "http://127.3.2.1:1", "http://[::1]:1", "https://plant"]
 )
 def test_this_host_and_encryption_need_no_permission(address: str) -> None:
-    assert server_module.check_address(address + "/", plain=False) == address
+    assert check_address(address + "/", plain=False) == address
 
 
 def test_plain_http_can_be_allowed() -> None:
-    assert server_module.check_address("http://plant", plain=True) == "http://plant"
+    assert check_address("http://plant", plain=True) == "http://plant"
 
 
 def test_without_httpx_the_extra_is_named(
@@ -506,7 +527,7 @@ def test_the_spool_is_in_the_users_data_folder_by_server(
     monkeypatch.setattr(platform, "system", lambda: system)
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
-    found = default_spool("https://plant:8443/a/../b")
+    found = spool_folder(SendSettings(), "https://plant:8443/a/../b")
     assert found == Path(place) / "ballscrew" / "spool" / "plant-3A8443-2Fa-2F..-2Fb"
 
 
@@ -518,7 +539,7 @@ def test_without_a_home_folder_the_option_is_named(monkeypatch: pytest.MonkeyPat
     for name in ("XDG_DATA_HOME", "LOCALAPPDATA"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(InputError, match="--spool"):
-        default_spool("https://plant")
+        spool_folder(SendSettings(), "https://plant")
 
 
 def test_two_senders_with_one_file_are_one_run(server: FakeServer, run_toml: Path, tmp_path: Path) -> None:
@@ -906,16 +927,3 @@ def test_a_refused_run_of_a_watched_folder_is_not_sent_again(
 def test_the_spool_is_not_in_the_watched_folder(folder: Path, settings: SendSettings) -> None:
     with pytest.raises(InputError, match="must be outside"):
         send_new(folder, "http://localhost", settings=replace(settings, spool=folder / "spool"))
-
-
-def test_a_preview_writes_nothing(
-    folder: Path, settings: SendSettings, tmp_path: Path, server: FakeServer, scene: Scene
-) -> None:
-    path = write_run(folder / "1")
-    found = list(preview([path], folder, server.address, RunRule(), settings))
-    assert [state for _, state in found] == ["", ""]
-    assert not (tmp_path / "spool").exists()
-    assert server.log == []
-    send([path], server.address, settings=settings, hooks=scene.hooks)
-    found = list(preview([path], folder, server.address, RunRule(), settings))
-    assert [state for _, state in found] == ["sent", "sent"]

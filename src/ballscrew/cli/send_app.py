@@ -15,8 +15,8 @@ from ballscrew.cli.options import flag, option
 
 if TYPE_CHECKING:
     from ballscrew.sending.outgoing import OutgoingRun, RunRule
-    from ballscrew.sending.sender import SendSettings
     from ballscrew.sending.server import Answer
+    from ballscrew.sending.settings import SendSettings
 
 _GIGABYTE = 1e9
 
@@ -57,6 +57,13 @@ def send(
         Path | None, option("Plan whose round trips have a file each, for --trips.", "PLAN.toml")
     ] = None,
     send_incomplete: Annotated[bool, flag("Send runs with fewer files too.", "--send-incomplete")] = False,
+    documents: Annotated[
+        bool,
+        flag(
+            "Send data sheet, plan and channel map of RUN.toml too; they count in place of the server's.",
+            "--documents",
+        ),
+    ] = False,
     settle: Annotated[
         float,
         option("With --watch: a file is complete when unchanged for this long, s.", "SECONDS", min=0),
@@ -102,11 +109,11 @@ def send(
     in the spool; the next call sends it.
     """
     from ballscrew.sending.outgoing import RunRule
-    from ballscrew.sending.sender import SendSettings
+    from ballscrew.sending.settings import SendSettings
 
     if watch is not None and (files or run is not None):
         raise InputError("--watch finds the runs itself; give it without FILES and --run.")
-    rule = RunRule(axis, pattern, _trips(trips, plan), send_incomplete)
+    rule = RunRule(axis, pattern, _trips(trips, plan), send_incomplete, documents)
     settings = SendSettings(
         spool=spool,
         spool_limit=spool_limit * _GIGABYTE,
@@ -169,15 +176,25 @@ def _print(sentence: str, output: TextIO | None = None) -> None:
 
 def _list(files: list[Path], watch: Path | None, to: str, rule: RunRule, settings: SendSettings) -> int:
     """Print what would be sent."""
-    from ballscrew.sending.sender import preview
+    from ballscrew.sending.outgoing import find_runs
+    from ballscrew.sending.settings import check_address, spool_folder
+    from ballscrew.sending.spool import Spool
+    from ballscrew.sending.watched import WatchedFolder
 
+    place = spool_folder(settings, check_address(to, plain=settings.plain_http))
+    spool = None
+    if place.is_dir():
+        spool = Spool(place, settings.spool_limit)
+    found = list(find_runs(files, rule)) if files else []
+    if watch is not None:
+        found += [run for _, run in WatchedFolder(watch, rule, 0.0, 0.0).scan(0.0)]
     status = DONE
-    for run, state in preview(files, watch, to, rule, settings):
+    for run in found:
         if isinstance(run, InputError):
             _complain(str(run))
             status = run.exit_status
         else:
-            _print(_line(run, state))
+            _print(_line(run, spool.known_state(run) if spool else ""))
     return status
 
 

@@ -1,21 +1,18 @@
-"""What is a run: a RUN.toml, a RUN.json, a folder, files, or a pattern of names; and when it is complete."""
+"""What is a run: a RUN.toml, a RUN.json, a folder, files, or a pattern of names."""
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import open_regular, read_whole
+from ballscrew.base.files import read_whole
 from ballscrew.base.jsonfile import read_json
 from ballscrew.base.tomlfile import read_toml
 from ballscrew.base.words import plural
 from ballscrew.modal.job import read_run
-
-WINDOWS = os.name == "nt"
 
 _FIELDS = ("axis", "run", "trip")
 _LARGEST = 1 << 20  # bytes of a RUN.toml
@@ -33,7 +30,7 @@ class OutgoingRun:
     axis : str
         Name of the axis.
     files : tuple of Path
-        Recordings.
+        Recordings, and documents that are sent with them.
     run_toml : str or None
         Text of its RUN.toml.
     run_json : Path or None
@@ -72,12 +69,16 @@ class RunRule:
         Files of a complete run.
     incomplete : bool
         Whether incomplete runs are sent.
+    documents : bool
+        Whether data sheet, plan and channel map of a RUN.toml are sent with it, in place of those at the
+        server.
     """
 
     axis: str | None = None
     pattern: str | None = None
     trips: int | None = None
     incomplete: bool = False
+    documents: bool = False
 
 
 @dataclass(frozen=True)
@@ -149,12 +150,12 @@ def find_runs(given: Sequence[Path], rule: RunRule) -> Iterator[OutgoingRun | In
 def _files_below(given: Sequence[Path]) -> Iterator[Path]:
     for path in given:
         if path.is_dir():
-            yield from _visible(path)
+            yield from visible_files(path)
         else:
             yield path
 
 
-def _visible(folder: Path) -> Iterator[Path]:
+def visible_files(folder: Path) -> Iterator[Path]:
     """Files at any depth, without hidden ones."""
     for path in sorted(folder.rglob("*")):
         hidden = any(part.startswith(".") for part in path.relative_to(folder).parts)
@@ -167,7 +168,7 @@ def _given_run(path: Path, rule: RunRule) -> OutgoingRun | InputError:
         if path.is_dir():
             return _run_or_error(_folder_group(path, rule), rule)
         if path.suffix.lower() == ".toml":
-            return _run_or_error(_existing(path, _listed_files(path)), rule)
+            return _run_or_error(existing_group(path, listed_files(path)), rule)
     except InputError as error:
         return error
     return _run_or_error(RunGroup(path, (path,), None), rule)
@@ -175,16 +176,20 @@ def _given_run(path: Path, rule: RunRule) -> OutgoingRun | InputError:
 
 def _folder_group(folder: Path, rule: RunRule) -> RunGroup:
     """The RUN.toml of a folder, or its recordings."""
-    names = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
-    documents = [path for path in names if path.suffix.lower() == ".toml" and is_run_file(path)]
-    if len(documents) > 1:
-        raise InputError(f"{folder}: contains {len(documents)} RUN.toml files; give them instead.")
-    if documents:
-        return _existing(documents[0], _listed_files(documents[0]))
-    recordings = [path for path in names if path.is_file() and path.suffix.lower() not in _DOCUMENTS]
+    names = [path for path in sorted(folder.iterdir()) if not path.name.startswith(".")]
+    run_files = [path for path in names if path.suffix.lower() == ".toml" and is_run_file(path)]
+    if len(run_files) > 1:
+        raise InputError(f"{folder}: contains {len(run_files)} RUN.toml files; give them instead.")
+    if run_files:
+        return existing_group(run_files[0], listed_files(run_files[0]))
+    recordings = list(filter(_is_recording, names))
     if not recordings:
         raise InputError(f"{folder}: contains no recordings.")
     return RunGroup(recordings[0], tuple(recordings), rule.trips)
+
+
+def _is_recording(path: Path) -> bool:
+    return path.suffix.lower() not in _DOCUMENTS and path.is_file()
 
 
 def is_run_file(path: Path) -> bool:
@@ -193,14 +198,15 @@ def is_run_file(path: Path) -> bool:
     return "files" in fields and "channels" in fields
 
 
-def _listed_files(path: Path) -> tuple[Path, ...]:
+def listed_files(path: Path) -> tuple[Path, ...]:
+    """Recordings that a RUN.toml names."""
     return tuple(file for file in read_run(path).files if isinstance(file, Path))
 
 
-def _existing(path: Path, listed: Sequence[Path]) -> RunGroup:
+def existing_group(path: Path, listed: Sequence[Path]) -> RunGroup:
     """Group of the files that a RUN.toml names."""
-    existing = [file for file in listed if file.exists() or file.is_symlink()]
-    return RunGroup(path, tuple(existing), len(listed))
+    there = [file for file in listed if file.exists() or file.is_symlink()]
+    return RunGroup(path, tuple(there), len(listed))
 
 
 def group_names(paths: Iterable[Path], rule: RunRule) -> list[RunGroup]:
@@ -298,20 +304,27 @@ def run_of(group: RunGroup, rule: RunRule) -> OutgoingRun:
     """
     source, name = group.source, str(group.source)
     if source.suffix.lower() == ".toml":
-        stated = read_run(source)
-        if not group.files:
-            raise InputError(f"{name}: none of its recordings exists.")
-        sheet = stated.axis
-        axis = rule.axis
-        if axis is None and sheet is not None:
-            axis = read_toml(sheet).text("name")
-        text = read_whole(source, _LARGEST).decode("utf-8-sig")
-        return OutgoingRun(name, _axis(axis, name), group.files, text, None, stated.measured_at)
+        return _stated_run(group, rule)
     if len(group.files) == 1 and source.suffix.lower() == ".json":
         stated_axis, measured_at = _analysed(source)
         axis = _axis(rule.axis or group.axis or stated_axis, name)
         return OutgoingRun(name, axis, (), None, source, measured_at)
     return OutgoingRun(name, _axis(rule.axis or group.axis, name), group.files)
+
+
+def _stated_run(group: RunGroup, rule: RunRule) -> OutgoingRun:
+    """Run of a RUN.toml."""
+    source, name, files = group.source, str(group.source), group.files
+    stated = read_run(source)
+    if not files:
+        raise InputError(f"{name}: none of its recordings exists.")
+    axis = rule.axis
+    if axis is None and stated.axis is not None:
+        axis = read_toml(stated.axis).text("name")
+    if rule.documents:
+        files += tuple(path for path in (stated.axis, stated.plan, stated.channels) if path is not None)
+    text = read_whole(source, _LARGEST).decode("utf-8-sig")
+    return OutgoingRun(name, _axis(axis, name), files, text, None, stated.measured_at)
 
 
 def _analysed(path: Path) -> tuple[str | None, str | None]:
@@ -336,120 +349,3 @@ def _axis(name: str | None, source: str) -> str:
     except UnicodeEncodeError:  # bytes of a file's name that are no text
         raise InputError(f"{source}: the axis is no text in UTF-8; give its name (--axis).") from None
     return name
-
-
-@dataclass
-class WatchedFolder:
-    """Runs of a folder, each as soon as its files are complete.
-
-    Parameters
-    ----------
-    folder : Path
-        Searched at any depth. Links and files outside of it are refused: who adds a file may read less than
-        this program.
-    rule : RunRule
-        What makes files a run.
-    settle : float
-        A file is complete when size and time have not changed for this long, s.
-    timeout : float
-        A run without a change for this long is incomplete, or complete where its number of files is not
-        known, s.
-    """
-
-    folder: Path
-    rule: RunRule
-    settle: float
-    timeout: float
-    _changes: dict[Path, tuple[tuple[int, int], float]] = field(default_factory=dict)
-    _done: dict[Path, tuple[object, ...]] = field(default_factory=dict)
-    _run_files: dict[Path, tuple[tuple[int, int], tuple[Path, ...] | None]] = field(default_factory=dict)
-
-    def scan(self, now: float) -> Iterator[tuple[RunGroup, OutgoingRun | InputError]]:
-        """Runs that are complete, or whose time is over, and that :meth:`done` does not know.
-
-        Parameters
-        ----------
-        now : float
-            Of a clock that never goes back, s.
-
-        Yields
-        ------
-        (RunGroup, OutgoingRun or InputError)
-            A run, or why there is none.
-        """
-        for group in self._groups(now):
-            quiet = now - max(self._changed_at(path, now) for path in group.members)
-            if quiet < self.settle or self._done.get(group.source) == self._state(group):
-                continue
-            over = quiet >= self.timeout
-            certain = group.complete and group.expected is not None
-            if certain or (over and (group.complete or self.rule.incomplete)):
-                yield group, self._run(group)
-            elif over:
-                yield group, InputError(f"{group.shortage} Incomplete runs are sent with --send-incomplete.")
-
-    def done(self, group: RunGroup) -> None:
-        """Yield a run again only after one of its files has changed."""
-        self._done[group.source] = self._state(group)
-
-    def _state(self, group: RunGroup) -> tuple[object, ...]:
-        return tuple((path, self._changes[path][0]) for path in group.members)
-
-    def _run(self, group: RunGroup) -> OutgoingRun | InputError:
-        try:
-            for path in group.members:
-                self._check(path)
-            return run_of(group, self.rule)
-        except InputError as error:
-            return error
-
-    def _check(self, path: Path) -> None:
-        """Check that a file is in the folder, no link, and that no program is writing it."""
-        open_regular(path, links=False).close()
-        if not path.resolve().is_relative_to(self.folder.resolve()):
-            raise InputError(f"{path}: is outside of {self.folder} and is not sent.")
-        if WINDOWS:  # a file that is open for writing can often be opened, but not renamed
-            try:
-                path.rename(path)
-            except OSError as error:
-                raise InputError(f"{path}: is in use ({error.strerror or error}).") from None
-
-    def _groups(self, now: float) -> list[RunGroup]:
-        paths = list(_visible(self.folder))
-        if self.rule.pattern is not None:
-            return group_names(paths, self.rule)
-        groups = []
-        for path in paths:
-            if path.suffix.lower() == ".toml" and now - self._changed_at(path, now) >= self.settle:
-                listed = self._listed(path)
-                if listed is not None:
-                    groups.append(_existing(path, listed))
-        return groups
-
-    def _listed(self, path: Path) -> tuple[Path, ...] | None:
-        """Files that a RUN.toml names; None of another TOML file. Read again after a change only."""
-        state = self._changes[path][0]
-        known = self._run_files.get(path)
-        if known is None or known[0] != state:
-            listed: tuple[Path, ...] | None = None
-            try:
-                if is_run_file(path):
-                    listed = _listed_files(path)
-            except InputError:
-                listed = ()  # reported as a run that cannot be read
-            known = (state, listed)
-            self._run_files[path] = known
-        return known[1]
-
-    def _changed_at(self, path: Path, now: float) -> float:
-        """Time at which a file was first found as it is."""
-        try:
-            found = path.stat()
-            state = (found.st_size, found.st_mtime_ns)
-        except (OSError, ValueError):  # removed meanwhile, a link that leads nowhere, a NUL in the name
-            state = (-1, -1)
-        known = self._changes.get(path)
-        if known is None or known[0] != state:
-            known = (state, now)
-            self._changes[path] = known
-        return known[1]

@@ -4,59 +4,23 @@ from __future__ import annotations
 
 import random
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress
-from ballscrew.sending.outgoing import OutgoingRun, RunRule, WatchedFolder, find_runs
-from ballscrew.sending.server import (
-    Answer,
-    DelayError,
-    RefusalError,
-    Server,
-    check_address,
-    check_key,
-    token_source,
-)
-from ballscrew.sending.spool import FullSpoolError, Spool, SpooledRun, default_spool
+from ballscrew.sending.outgoing import OutgoingRun, RunRule, find_runs
+from ballscrew.sending.server import Answer, DelayError, RefusalError, Server
+from ballscrew.sending.settings import SendSettings, check_address, check_key, spool_folder, token_source
+from ballscrew.sending.spool import FullSpoolError, Spool
+from ballscrew.sending.spooled import SpooledRun
+from ballscrew.sending.watched import WatchedFolder
 
 _SHORTEST_WAIT = 1.0  # s, after the first failure
 _LONGEST_WAIT = 300.0  # s, unless the server asks for more
 _PATIENCE = 120.0  # s; a command that does not watch ends where it would have to wait longer
 _MEGABYTE = 1_000_000
-
-
-@dataclass(frozen=True)
-class SendSettings:
-    """How runs are sent.
-
-    Parameters
-    ----------
-    spool : Path or None
-        Folder of the spool, for one server; None for one in the user's data folder.
-    spool_limit : float
-        Its largest size, bytes.
-    token_file : Path or None
-        File with the token; None for the variable BALLSCREW_TOKEN, if it is set.
-    plain_http : bool
-        Whether plain HTTP is allowed to another host than this.
-    tries : int
-        Attempts without success after which a command that does not watch ends.
-    settle : float
-        A file of a watched folder is complete when it has not changed for this long, s.
-    timeout : float
-        A run of a watched folder is incomplete when nothing was added for this long, s.
-    """
-
-    spool: Path | None = None
-    spool_limit: float = 10e9
-    token_file: Path | None = None
-    plain_http: bool = False
-    tries: int = 6
-    settle: float = 10.0
-    timeout: float = 900.0
 
 
 @dataclass(frozen=True)
@@ -115,6 +79,9 @@ def _ignore(_: object) -> None:
 ANY_RUN = RunRule()
 """RUN.toml, RUN.json, folders and recordings, whose axis RUN.toml or RUN.json states."""
 
+USUAL_SETTINGS = SendSettings()
+"""A spool of 10 GB in the user's data folder, and a token of the environment, if there is one."""
+
 SILENT = SendHooks(_ignore, _ignore)
 """Hooks that print nothing."""
 
@@ -125,7 +92,7 @@ def send(
     *,
     rule: RunRule = ANY_RUN,
     run: str | None = None,
-    settings: SendSettings = SendSettings(),
+    settings: SendSettings = USUAL_SETTINGS,
     hooks: SendHooks = SILENT,
 ) -> SendResult:
     """Copy runs into the spool and send all that is in the spool, with repetitions.
@@ -180,7 +147,7 @@ def send_new(
     to: str,
     *,
     rule: RunRule = ANY_RUN,
-    settings: SendSettings = SendSettings(),
+    settings: SendSettings = USUAL_SETTINGS,
     hooks: SendHooks = SILENT,
 ) -> None:
     """Send each run of a folder when it is complete, until interrupted.
@@ -207,38 +174,6 @@ def send_new(
         sender.watch(watched)
 
 
-def preview(
-    files: Sequence[Path], folder: Path | None, to: str, rule: RunRule, settings: SendSettings
-) -> Iterator[tuple[OutgoingRun | InputError, str]]:
-    """Runs that would be sent; nothing is written, and there is no connection.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        As for :func:`send`.
-    folder : Path or None
-        As for :func:`send_new`.
-    to, rule, settings
-        As for :func:`send`.
-
-    Yields
-    ------
-    (OutgoingRun or InputError, str)
-        Run, and ``"queued"``, ``"sent"`` or ``"rejected"`` where it is known to the spool.
-    """
-    address = check_address(to, plain=settings.plain_http)
-    place = settings.spool or default_spool(address)
-    spool = Spool(place, settings.spool_limit) if place.is_dir() else None
-    found = list(find_runs(files, rule)) if files else []
-    if folder is not None:
-        found += [run for _, run in WatchedFolder(folder, rule, 0.0, 0.0).scan(0.0)]
-    for run in found:
-        if isinstance(run, InputError) or spool is None:
-            yield run, ""
-        else:
-            yield run, spool.known_state(run)
-
-
 class _Sender:
     """Spool and server, and the runs that went from one to the other."""
 
@@ -247,7 +182,7 @@ class _Sender:
         token = token_source(settings.token_file)
         token()  # a wrong one is an error of the command
         self.server = Server(address, token)
-        self.spool = Spool(settings.spool or default_spool(address), settings.spool_limit)
+        self.spool = Spool(spool_folder(settings, address), settings.spool_limit)
         self.tries = settings.tries
         self.hooks = hooks
         self.sent: list[Answer] = []

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import ipaddress
 import json
-import os
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -15,17 +13,15 @@ from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote, urlsplit
+from urllib.parse import quote
 
 from ballscrew._version import __version__
 from ballscrew.base.errors import BallscrewError, InputError, printable
-from ballscrew.base.files import open_regular, read_whole
-from ballscrew.sending.spool import SpooledFile, SpooledRun
+from ballscrew.base.files import open_regular
+from ballscrew.sending.spooled import SpooledFile, SpooledRun
 
 if TYPE_CHECKING:
     from httpx import Response
-
-_ENVIRONMENT = "BALLSCREW_TOKEN"
 
 Uploaded = Callable[[int], None]
 """Called with the number of bytes of a run that the server has."""
@@ -35,7 +31,6 @@ _ROUNDS = 8  # corrections of the offset of one file in one attempt
 _LONGEST_ANSWER = 2000  # characters that are reported
 _CONNECT_TIMEOUT = 10.0  # s
 _TIMEOUT = 60.0  # s without any progress; a server makes a file durable in 1 s
-_LARGEST_TOKEN = 4096  # bytes
 _NO_HEAD = (405, 501)
 _AGAIN = (408, 425, 429, 507)
 _OVERLOADED = (429, 502, 503, 504, 507)
@@ -94,103 +89,13 @@ class Answer:
     new: bool
 
 
-def check_address(address: str, *, plain: bool) -> str:
-    """Check the URL of a server.
-
-    Parameters
-    ----------
-    address : str
-        ``https://host:port/path``.
-    plain : bool
-        Whether plain HTTP is allowed to another host than this.
-
-    Returns
-    -------
-    str
-        Without a slash at the end.
-
-    Raises
-    ------
-    InputError
-        If it is none, contains a password, or is plain HTTP to another host.
-    """
-    try:
-        parts = urlsplit(address)
-        host, _ = parts.hostname, parts.port
-    except ValueError:
-        host = None
-    if not host or parts.scheme not in ("http", "https") or re.search(r"[\s\x00-\x1f\\]", address):
-        raise InputError(f"--to is {address!r}; it must be a URL, such as https://host:8443.")
-    if parts.username is not None:
-        raise InputError("--to contains a name or a password; use a token (--token-file).")
-    if parts.query or parts.fragment:
-        raise InputError(f"--to is {address!r}; it must have no '?' and no '#'.")
-    if parts.scheme == "http" and not plain and not _is_this_host(host):
-        raise InputError(
-            f"{address}: plain HTTP would send recordings and token readable over the network; use https://, "
-            "or --allow-plain-http where the network is trusted."
-        )
-    return address.rstrip("/")
-
-
-def check_key(key: str) -> None:
-    """Check the key of a run, which is a part of URLs.
-
-    Raises
-    ------
-    InputError
-        If it has other characters, or too many.
-    """
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}", key):
-        raise InputError(f"--run is {key!r}; it must have letters, digits, '.', '_' and '-', 100 at most.")
-
-
-def _is_this_host(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-def token_source(path: Path | None) -> Callable[[], str | None]:
-    """Function that reads the token: from a file, else from the environment.
-
-    Parameters
-    ----------
-    path : Path or None
-        File with the token; None for the variable BALLSCREW_TOKEN.
-
-    Returns
-    -------
-    callable
-        Its result is None without a token. It raises an InputError, which does not contain the token, if the
-        file cannot be read or the token could not be sent.
-    """
-
-    def read() -> str | None:
-        if path is None:
-            text, place = os.environ.get(_ENVIRONMENT, ""), _ENVIRONMENT
-        else:
-            text, place = read_whole(path, _LARGEST_TOKEN).decode("utf-8-sig", "replace"), str(path)
-        token = text.strip()
-        if not re.fullmatch(r"[\x21-\x7e]*", token):
-            raise InputError(f"{place}: is no token: it has blanks, or characters beyond ASCII.")
-        if path is not None and not token:
-            raise InputError(f"{place}: is empty; it must contain the token.")
-        return token or None
-
-    return read
-
-
 class Server:
     """Connection to a server.
 
     Parameters
     ----------
     address : str
-        As :func:`check_address` returned it.
+        As :func:`~ballscrew.sending.settings.check_address` returned it.
     token : callable
         Returns the token or None; called before each pass, so that a new one needs no restart.
     timeout : float
@@ -314,8 +219,15 @@ class Server:
                 continue
             if response.status_code in (200, 201):
                 return
-            offset = _stated_offset(response, file.size)
-        raise DelayError(f"{file.name}: the server does not accept the rest of it now.", general=False)
+            further = _stated_offset(response, file.size)
+            if further == offset:  # another sender is sending the same file
+                break
+            offset = further
+        raise DelayError(
+            f"{file.name}: the server does not accept the rest of it now.",
+            wait=_retry_after(response),
+            general=False,
+        )
 
     def _check_copy(self, path: Path, file: SpooledFile, response: Response, offset: int) -> None:
         """Find who is right where the server has found another hash."""

@@ -8,25 +8,19 @@ the server acknowledged.
 from __future__ import annotations
 
 import errno
-import hashlib
 import json
 import os
-import platform
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, BinaryIO
-from urllib.parse import quote
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import open_regular, sweep, sync_folder, write_text
 from ballscrew.base.locks import try_lock, unlock
-from ballscrew.base.provenance import digest
 from ballscrew.sending.outgoing import OutgoingRun
+from ballscrew.sending.spooled import SpooledRun, Version, copy_run, identify, now, read_manifest, version_of
 
 _BLOCK = 1 << 20
 _MANIFEST = "manifest.json"
@@ -34,110 +28,9 @@ _INCOMING = ".incoming-"
 _ID_LENGTH = 32
 _FULL = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 
-Version = tuple[str, int, int]
-"""Path, size in bytes and time of change in ns of a file: the same version has the same content."""
-
 
 class FullSpoolError(InputError):
     """A run does not fit into the spool now; it stays where it is."""
-
-
-@dataclass(frozen=True)
-class SpooledFile:
-    """A file in the spool.
-
-    Parameters
-    ----------
-    name : str
-        Without folder.
-    sha256 : str
-        Of its content.
-    size : int
-        Bytes.
-    """
-
-    name: str
-    sha256: str
-    size: int
-
-
-@dataclass(frozen=True)
-class SpooledRun:
-    """A run in the spool.
-
-    Parameters
-    ----------
-    folder : Path
-        Of its files; its name is the id of the content.
-    name, axis, run_toml, measured_at
-        As in :class:`~ballscrew.sending.outgoing.OutgoingRun`.
-    key : str
-        Of the run at the server.
-    files : tuple of SpooledFile
-        Recordings.
-    run_json : SpooledFile or None
-        Result of an analysis at the machine.
-    versions : tuple of Version
-        Of the user's files, in the same order, RUN.json last.
-    spooled_at : str
-        ISO 8601.
-    """
-
-    folder: Path
-    name: str
-    axis: str
-    key: str
-    files: tuple[SpooledFile, ...]
-    run_toml: str | None
-    run_json: SpooledFile | None
-    measured_at: str | None
-    versions: tuple[Version, ...]
-    spooled_at: str
-
-    @property
-    def uploads(self) -> tuple[SpooledFile, ...]:
-        """All files to send."""
-        if self.run_json is None:
-            return self.files
-        return (*self.files, self.run_json)
-
-    @property
-    def id(self) -> str:
-        """Id of the content."""
-        return self.folder.name
-
-
-def default_spool(address: str) -> Path:
-    """Folder of the spool for a server, in the user's data folder.
-
-    Parameters
-    ----------
-    address : str
-        URL of the server.
-
-    Returns
-    -------
-    Path
-        Need not exist.
-
-    Raises
-    ------
-    InputError
-        If the user has no home folder.
-    """
-    system = platform.system()
-    stated = os.environ.get("LOCALAPPDATA" if system == "Windows" else "XDG_DATA_HOME")
-    name = quote(address.partition("://")[2].strip("/"), safe="").replace("%", "-")
-    try:
-        if stated:
-            data = Path(stated)
-        elif system == "Darwin":
-            data = Path.home() / "Library" / "Application Support"
-        else:
-            data = Path.home() / ".local" / "share"
-    except RuntimeError:
-        raise InputError("this user has no home folder; give a folder for the spool (--spool).") from None
-    return data / "ballscrew" / "spool" / name
 
 
 class Spool:
@@ -173,7 +66,7 @@ class Spool:
         for place in (self.queue, self.rejected):
             for folder_of_run in _folders(place):
                 with suppress(InputError):
-                    self._learn(_read_manifest(folder_of_run))
+                    self._learn(read_manifest(folder_of_run))
 
     def _read_log(self) -> tuple[set[str], dict[Version, str]]:
         """Ids of runs that were sent, and hashes of versions of files."""
@@ -203,13 +96,13 @@ class Spool:
     def known_state(self, run: OutgoingRun, key: str | None = None) -> str:
         """State of a run whose files have not changed since they were read; they are not read again."""
         try:
-            hashes = [self._hashes.get(_version(path)) for path in run.paths]
+            hashes = [self._hashes.get(version_of(path)) for path in run.paths]
         except OSError:
             return ""
         known = [each for each in hashes if each is not None]
         if len(known) < len(hashes):
             return ""
-        return self.state(_identify(run, known, key)[1])
+        return self.state(identify(run, known, key)[1])
 
     def size(self) -> int:
         """Bytes of all files in the spool."""
@@ -252,7 +145,7 @@ class Spool:
             self._check_size(run, links=links)
             incoming = Path(tempfile.mkdtemp(prefix=_INCOMING, dir=self.queue))
             try:
-                spooled = _copy_run(run, incoming, key, links=links)
+                spooled = copy_run(run, incoming, key, links=links)
                 self._learn(spooled)
                 if not again and self.state(spooled.id):
                     return None
@@ -310,7 +203,7 @@ class Spool:
         found = []
         for folder in _folders(self.queue):
             try:
-                found.append(_read_manifest(folder))
+                found.append(read_manifest(folder))
             except InputError as error:
                 self.reject(folder, str(error))
         return sorted(found, key=_spooled_at)
@@ -324,7 +217,7 @@ class Spool:
         rows = []
         for version, file in zip(run.versions, run.uploads, strict=True):
             rows.append([*version, file.sha256])
-        entry = {"id": run.id, "axis": run.axis, "run": run.key, "at": _now(), "files": rows}
+        entry = {"id": run.id, "axis": run.axis, "run": run.key, "at": now(), "files": rows}
         with self._log.open("ab") as stream:
             stream.write(f"\n{json.dumps(entry)}\n".encode())  # an earlier line may have been cut
             stream.flush()
@@ -357,107 +250,9 @@ class Spool:
         return target
 
 
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
-
-
 def _spooled_at(run: SpooledRun) -> tuple[str, str]:
     return run.spooled_at, run.id
 
 
 def _folders(place: Path) -> list[Path]:
     return [path for path in sorted(place.iterdir()) if not path.name.startswith(".") and path.is_dir()]
-
-
-def _version(path: Path) -> Version:
-    state = path.stat()
-    return _text(str(path.absolute())), state.st_size, state.st_mtime_ns
-
-
-def _text(name: str) -> str:
-    """Name of a file in UTF-8, which the bytes of a name need not be."""
-    return name.encode("utf-8", "replace").decode("utf-8")
-
-
-def _identify(run: OutgoingRun, hashes: Sequence[str], key: str | None) -> tuple[str, str]:
-    """Key of a run, and id of its content with the key."""
-    content = {
-        "axis": run.axis,
-        "files": hashes,
-        "run_toml": run.run_toml,
-        "analysed": run.run_json is not None,
-        "measured_at": run.measured_at,
-    }
-    key = key or digest(content)[:_ID_LENGTH]
-    return key, digest(content | {"run": key})[:_ID_LENGTH]
-
-
-def _copy_run(run: OutgoingRun, incoming: Path, key: str | None, *, links: bool) -> SpooledRun:
-    """Copy the files of a run into a folder, durably, and write their manifest there."""
-    files, versions = [], []
-    for path in run.paths:
-        versions.append(_version(path))
-        files.append(_copy_file(path, incoming, links=links))
-        if _version(path) != versions[-1] or files[-1].size != versions[-1][1]:
-            raise InputError(f"{path}: changed while it was read; send it when it is complete.")
-    key, identity = _identify(run, [file.sha256 for file in files], key)
-    spooled = SpooledRun(
-        folder=incoming.parent / identity,
-        name=_text(run.name),
-        axis=run.axis,
-        key=key,
-        files=tuple(files[: len(run.files)]),
-        run_toml=run.run_toml,
-        run_json=files[-1] if run.run_json else None,
-        measured_at=run.measured_at,
-        versions=tuple(versions),
-        spooled_at=_now(),
-    )
-    document = asdict(spooled)
-    del document["folder"]
-    with (incoming / _MANIFEST).open("w", encoding="ascii") as stream:
-        json.dump(document, stream, indent=1)
-        stream.flush()
-        os.fsync(stream.fileno())
-    sync_folder(incoming)
-    return spooled
-
-
-def _copy_file(path: Path, folder: Path, *, links: bool) -> SpooledFile:
-    """Copy a file durably under the hash of its content."""
-    with open_regular(path, links=links) as stream:
-        temporary = folder / "incoming"
-        with temporary.open("wb") as target:
-            sha256, size = _copy_blocks(stream, target)
-            target.flush()
-            os.fsync(target.fileno())
-    temporary.replace(folder / sha256)
-    return SpooledFile(_text(path.name), sha256, size)
-
-
-def _copy_blocks(stream: BinaryIO, target: BinaryIO) -> tuple[str, int]:
-    found, size = hashlib.sha256(), 0
-    while block := stream.read(_BLOCK):
-        found.update(block)
-        size += len(block)
-        target.write(block)
-    return found.hexdigest(), size
-
-
-def _read_manifest(folder: Path) -> SpooledRun:
-    """Run of a folder in the spool.
-
-    Raises
-    ------
-    InputError
-        If the manifest is damaged.
-    """
-    try:
-        document: dict[str, Any] = json.loads((folder / _MANIFEST).read_text(encoding="utf-8"))
-        document["files"] = tuple(SpooledFile(**file) for file in document["files"])
-        document["versions"] = tuple((path, size, time) for path, size, time in document["versions"])
-        if document["run_json"] is not None:
-            document["run_json"] = SpooledFile(**document["run_json"])
-        return SpooledRun(folder=folder, **document)
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise InputError(f"{folder / _MANIFEST}: the manifest is damaged ({error}).") from None
