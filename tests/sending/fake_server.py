@@ -83,8 +83,8 @@ class _Handler(BaseHTTPRequestHandler):
         body = self.body(half=kind == "cut")
         if fault and isinstance(kind, int):
             self.answer(kind, {"detail": fault.detail}, fault.headers)
-        elif kind == "proxy":
-            self.answer(200, "<html>Welcome to the factory</html>")
+        elif fault and kind == "proxy":
+            self.answer(200, fault.detail)
         elif kind == "offset" and fault:
             self.answer(200, None, fault.headers)
         elif fake.token is not None and self.headers["Authorization"] != f"Bearer {fake.token}":

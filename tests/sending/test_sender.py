@@ -294,13 +294,16 @@ def test_a_command_does_not_wait_for_an_hour(
 
 
 def test_a_run_that_makes_the_server_fail_does_not_stop_the_others(
-    send_files: Send, server: FakeServer, run_toml: Path, tmp_path: Path
+    send_files: Send, server: FakeServer, run_toml: Path, tmp_path: Path, scene: Scene
 ) -> None:
     server.faults.append(Fault("POST", 500, times=1))
     server.faults.append(Fault("POST", "pass", times=1))
     server.faults.append(Fault("POST", 500, times=100))
+    sent: list[int] = []
+    scene.actions[1] = lambda: sent.append(len(scene.answers))
     result = send_files(run_toml, write_run(tmp_path / "other", [b"3"]))
     assert (result.waiting, len(result.sent), len(server.runs)) == (1, 1, 1)
+    assert sent == [1]  # in the first pass
 
 
 @pytest.mark.parametrize("status", [400, 404, 409, 413, 415, 422])
@@ -405,10 +408,11 @@ def test_a_file_that_is_no_token_is_refused_without_showing_it(
     assert "evil" not in str(caught.value)
 
 
+@pytest.mark.parametrize("page", ["<html>Welcome to the factory</html>", "{}", "[]", '{"run": "other"}', "{"])
 def test_a_page_of_a_proxy_is_no_acknowledgement(
-    send_files: Send, server: FakeServer, run_toml: Path
+    send_files: Send, server: FakeServer, run_toml: Path, page: str
 ) -> None:
-    server.faults.append(Fault("*", "proxy", times=100))
+    server.faults.append(Fault("*", "proxy", detail=page, times=100))
     result = send_files(run_toml)
     assert (result.waiting, result.sent) == (1, ())
     assert "not as a ballscrew server does" in result.reason
@@ -741,8 +745,13 @@ def test_a_run_that_was_moved_is_not_sent_again(
     watch(folder, server, settings, scene)
     requests = len(server.log)
     (folder / "1").rename(folder / "2")
-    watch(folder, server, settings, scene)
+    scene.actions[len(scene.waits) + 10] = lambda: (folder / "2").rename(folder / "3")
+    watch(folder, server, settings, scene, pauses=20)
     assert len(server.log) == requests
+    write_run(folder / "4", [b"4"])
+    scene.actions[len(scene.waits) + 10] = lambda: (folder / "4").rename(folder / "5")
+    watch(folder, server, settings, scene, pauses=20)
+    assert len(server.runs) == len(scene.answers) == 2
 
 
 def test_a_log_that_was_cut_costs_one_run_at_most(
