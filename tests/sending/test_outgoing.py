@@ -119,7 +119,7 @@ def test_without_an_axis_the_option_is_named(tmp_path: Path) -> None:
         ("files = [", "is not TOML"),
         ("files = []\nchannels = 'c'", "a list of file names"),
         ("files = ['trip1.h5']", "channels is missing"),
-        ("files = ['a']\nchannels = 'c'\nlaod = 1", "laod is not a known field"),
+        ("files = ['a']\nchannels = 'c'\nlode = 1", "lode is not a known field"),
         ("files = ['a']\nchannels = 'c'", "0 of 1 trip."),
         ("files = ['trip1.h5', 'b', 'c']\nchannels = 'c'", "1 of 3 trips."),
         ("files = ['trip1.h5', 'a\\u0000b']\nchannels = 'c'", ""),
