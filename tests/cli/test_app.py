@@ -90,7 +90,8 @@ def test_help_mentions_every_option(ballscrew, command):
 
 def test_no_help_names_a_python_type(ballscrew):
     for command in ["", *COMMANDS]:
-        assert not re.search(r"<\w|\{", ballscrew(*command.split(), "--help").out)
+        # Fields of the pattern of `send` are no types.
+        assert not re.search(r"<\w|\{(?!axis|run|trip)", ballscrew(*command.split(), "--help").out)
 
 
 def test_completion(monkeypatch, capsys):

@@ -351,6 +351,6 @@ app.add_typer(store, name="store")
 app.command(cls=Command, epilog='Example: ballscrew reprocess "X axis" --store plant --workers 4')(reprocess)
 app.command(
     cls=Command,
-    epilog="Examples: ballscrew send run.toml --to https://plant:8443 --token-file token.txt\n\n"
-    'ballscrew send --watch D:\\X1 --pattern "{axis}_{run}_trip{trip}.h5" --trips 3 --to https://plant:8443',
+    epilog="Example: ballscrew send run.toml --to https://plant:8443 --token-file token.txt\n\n"
+    'Of a machine: ballscrew send --watch D:\\X1 --pattern "{axis}_{run}_trip{trip}.h5" --trips 3 --to https://plant:8443',
 )(send)

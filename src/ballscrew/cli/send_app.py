@@ -45,9 +45,10 @@ def send(
     pattern: Annotated[
         str | None,
         option(
-            "Names of recordings without RUN.toml: files of the same {axis} and {run} in a folder are a run; "
-            "{trip} and * may be anything. With '/', names of folders too.",
-            '"{axis}_{run}_trip{trip}.h5"',
+            'Names of recordings without RUN.toml, such as "{axis}_{run}_trip{trip}.h5": files of the same '
+            "{axis} and {run} in a folder are a run; {trip} and * may be anything. With '/', names of folders "
+            "too.",
+            "PATTERN",
         ),
     ] = None,
     trips: Annotated[
