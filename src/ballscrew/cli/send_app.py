@@ -46,8 +46,7 @@ def send(
         str | None,
         option(
             'Names of recordings without RUN.toml, such as "{axis}_{run}_trip{trip}.h5": files of the same '
-            "{axis} and {run} in a folder are a run; {trip} and * may be anything. With '/', names of folders "
-            "too.",
+            "{axis} and {run} in a folder are a run; {trip} and * may be anything. With '/', folders too.",
             "PATTERN",
         ),
     ] = None,

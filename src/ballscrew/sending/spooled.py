@@ -20,8 +20,8 @@ _BLOCK = 1 << 20
 _MANIFEST = "manifest.json"
 _ID_LENGTH = 32
 
+# Path, size in bytes and time of change in ns of a file: the same version has the same content.
 Version = tuple[str, int, int]
-"""Path, size in bytes and time of change in ns of a file: the same version has the same content."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ class SpooledRun:
         Recordings.
     run_json : SpooledFile or None
         Result of an analysis at the machine.
-    versions : tuple of Version
-        Of the user's files, in the same order, RUN.json last.
+    versions : tuple of (str, int, int)
+        Path, size in bytes and time of change in ns of the user's files, in the same order, RUN.json last.
     spooled_at : str
         ISO 8601.
     """
