@@ -16,9 +16,10 @@ from tests.store.stored import RUNS, count, fill, text_of
 
 from ballscrew.base.errors import InputError
 from ballscrew.store import database, migrating, raw_files
-from ballscrew.store.adding import add_run, insert_run
+from ballscrew.store.adding import METHOD_REVISION, add_run
 from ballscrew.store.database import schema_of
 from ballscrew.store.folder import DataFolder
+from ballscrew.store.inserting import insert_run
 from ballscrew.store.store import Store
 from ballscrew.store.tables import Base, RunRow
 
@@ -48,7 +49,7 @@ def test_half_a_transaction_is_none(store: Store) -> None:
             raise RuntimeError
 
     def add_rows(session: Session) -> None:
-        insert_run(session, RUNS[0])
+        insert_run(session, RUNS[0], METHOD_REVISION)
         session.flush()
 
     with pytest.raises(RuntimeError):

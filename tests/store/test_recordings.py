@@ -54,12 +54,11 @@ def test_recordings_that_change_meanwhile_are_refused_whole(
     imitate_analysis(monkeypatch)
     path = write_recordings(tmp_path / "run", 1.0)
 
-    def change_and_insert(*arguments: object) -> object:
+    def change_and_put(*arguments: object) -> object:
         (tmp_path / "run" / "trip1.bin").write_bytes(b"changed")
-        return insert_run(*arguments)  # type: ignore[arg-type]
+        return put_file(*arguments)  # type: ignore[arg-type]
 
-    insert_run = adding.insert_run
-    monkeypatch.setattr(adding, "insert_run", change_and_insert)
+    monkeypatch.setattr(adding, "put_file", change_and_put)
     with pytest.raises(InputError, match="has changed since it was analysed; nothing was added"):
         store.add(path)
     assert count(store, RunRow) == count(store, RawFile) == 0

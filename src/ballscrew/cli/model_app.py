@@ -166,7 +166,7 @@ def monitor(
         list[str],
         typer.Argument(
             metavar="RUN.json… | AXIS",
-            help="Output of analyze --json, one file per run; with --store, the name of the axis.",
+            help="Output of analyze --json, one file per run; or the name of an axis of a store.",
         ),
     ],
     model: Annotated[
@@ -175,7 +175,11 @@ def monitor(
     ] = None,
     store: Annotated[
         Path | None,
-        option("Store with the runs, events and model of the axis, which keeps the result.", "DIR"),
+        option(
+            "Store with the runs, events and model of the axis, for the result too. "
+            "[default: BALLSCREW_STORE, for the name of an axis]",
+            "DIR",
+        ),
     ] = None,
     events: Events = None,
     false_alarms: FalseAlarms = 0.1,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -90,6 +91,8 @@ def monitor_command(  # noqa: PLR0913  as many as options
         "duty": parse_duty(duty),
         "accept": accept,
     }
+    if store is None and model is None and events is None:
+        store = _default_store(given)
     if store is None:
         monitored, runs = _monitor_files(given, model, events, **stated)
     elif model is not None or events is not None or len(given) != 1:
@@ -110,12 +113,23 @@ def monitor_command(  # noqa: PLR0913  as many as options
     return health_status(monitored.state, status) if exit_code else status
 
 
+def _default_store(given: Sequence[str]) -> Path | None:
+    """Store of the environment, where the name of an axis is given and no file."""
+    folder = os.environ.get("BALLSCREW_STORE")
+    if len(given) != 1 or Path(given[0]).is_file() or not folder:
+        return None
+    return Path(folder)
+
+
 def _monitor_files(
     given: Sequence[str], model: Path | None, events: Path | None, **stated: Any
 ) -> tuple[Monitored, Sequence[Run]]:
     """Monitor an axis by RUN.json files."""
     if model is None:
-        raise InputError("no model of the axis is given (--model); 'ballscrew calibrate' writes it.")
+        raise InputError(
+            "no model of the axis is given (--model); 'ballscrew calibrate' writes it. An axis of a store "
+            "needs --store or BALLSCREW_STORE."
+        )
     axis = read_model(model)
     runs = [Run.read(path) for path in given]
     known = () if events is None else read_events(events)

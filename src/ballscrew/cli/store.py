@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Container, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,10 +17,11 @@ from ballscrew.base.words import percent, plural
 from ballscrew.cli.output import STATE_STYLE, TIME_WIDTH, console, print_json, progress_bar, right_aligned
 
 if TYPE_CHECKING:
-    from ballscrew.store.adding import Added
+    from ballscrew.store.inserting import Added
     from ballscrew.store.opened import OpenStore
 
 _SHOWN_RUNS = 30  # newest runs in the table
+_AS_BEFORE = "none"  # of a value that was not stated
 
 
 def open_store(path: Path | None) -> OpenStore:
@@ -155,14 +157,22 @@ def _life(quantiles: dict[str, float | None]) -> str:
     return f"{numbers[0]} ({numbers[1]} to {numbers[2]})"
 
 
-def show_store(store: OpenStore, axis: str, *, as_json: bool) -> int:
-    """Print an axis with its runs, alarms, events and exclusions."""
-    from ballscrew.store.reading import show_axis
+def show_store(store: OpenStore, subject: str, *, as_json: bool) -> int:
+    """Print an axis with all that belongs to it, or a run with what its numbers come from."""
+    from ballscrew.store.showing import show
 
-    document = show_axis(store, axis)
+    document = show(store, subject)
     if as_json:
         print_json(document)
-        return DONE
+    elif "recordings" in document:
+        for line in _provenance(document):
+            console().print(printable(line), markup=False)
+    else:
+        _print_axis(document)
+    return DONE
+
+
+def _print_axis(document: dict[str, Any]) -> None:
     screen = console()
     screen.print(_headline(document), markup=False)
     screen.print(_runs(document["runs"]))
@@ -178,7 +188,68 @@ def show_store(store: OpenStore, axis: str, *, as_json: bool) -> int:
         if row["ended_at"] is None:
             what = f"run {row['run'][:12]}" if row["run"] else f"event {row['event'][:12]}"
             screen.print(printable(f"Excluded {what}: {row['reason']} ({row['actor']})"), markup=False)
-    return DONE
+    counting = {run["run"] for run in document["runs"] if run["counts"]}
+    for row in document["corrections"]:
+        screen.print(printable(_correction(row, counting)), markup=False)
+    for row in document["conflicts"]:
+        screen.print(printable(_conflict(row)), markup=False)
+    for pair in document["shared_recordings"]:
+        first, second = (run[:12] for run in pair["runs"])
+        text = f"Conflict: the runs {first} and {second} are made of the same recording, {pair['recording']}"
+        screen.print(printable(f"{text}: exclude one of them ('ballscrew store exclude')."), markup=False)
+
+
+def _correction(row: dict[str, Any], counting: Container[str]) -> str:
+    """Sentence on a field that was corrected."""
+    what = row["field"]
+    if row["run"] is not None:
+        what = f"{what} of the run {row['supersedes'][:12]}, which is now {row['run'][:12]}"
+        if row["run"] not in counting:
+            what += " and does not count"
+    values = [_AS_BEFORE if row[name] is None else str(row[name]) for name in ("old", "new")]
+    text = f"Corrected {row['at'][:TIME_WIDTH]}: {what}, from {values[0]} to {values[1]}"
+    about = ", ".join(filter(None, (row["reason"], row["actor"])))
+    return f"{text} ({about})" if about else text
+
+
+def _conflict(row: dict[str, Any]) -> str:
+    """Sentence on a refused result, with what to do."""
+    text = (
+        f"Conflict: another result of the run {row['run'][:12]} was refused {row['received_at'][:TIME_WIDTH]}"
+    )
+    if row["differs"] == ["result"]:
+        return f"{text}; if the stored one is wrong, exclude the run ('ballscrew store exclude')."
+    fields = " and ".join(row["differs"])
+    return f"{text}, of another {fields}; if that is right, correct the run ('ballscrew store correct')."
+
+
+def _provenance(document: dict[str, Any]) -> Iterator[str]:
+    """Lines on a run, its recordings and its results."""
+    load = "no load stated" if document["mass_kg"] is None else f"{document['mass_kg']:g} kg"
+    time = document["measured_at"] or "no time"
+    yield f"Run {document['run']} of {document['axis']}: {time}, {load}"
+    if not document["counts"]:
+        yield "It does not count: it was corrected or excluded, or another correction was added later."
+    if document["supersedes"]:
+        yield f"Correction of the run {document['supersedes']}"
+    for run in document["corrected_as"]:
+        yield f"Corrected as the run {run}"
+    for file in document["recordings"]:
+        yield f"Recording {file['name']}: SHA-256 {file['sha256']}"
+        place = "in the store" if file["stored"] else file["archived_to"] or "not in the store"
+        yield f"  reader {file['reader'] or 'not stated'}; {place}"
+    for kind, key in sorted(document["documents"].items()):
+        yield f"{kind}: digest {key}"
+    for result in document["results"]:
+        text = f"Result by {result['method']}, revision {result['revision']}, ballscrew {result['version']}"
+        history = ", part of the history" if result["history"] else ""
+        yield f"{text}: {result['quality']}{history}; digest {result['digest']}"
+        yield f"  settings {json.dumps(result['settings'], sort_keys=True)}"
+    state = document["state"]
+    if state is not None:
+        epoch = f"epoch {state['epoch']} from {state['begins'] or 'the first run'}"
+        yield f"State {state['state']}, {epoch}, relative to the run {state['reference'] or '–'}"
+        yield f"  by the model {state['model_digest']}, ballscrew {state['version']}, {state['made_at']}"
 
 
 def _headline(document: dict[str, Any]) -> str:

@@ -75,11 +75,21 @@ def list_axes(store: StoreFolder = None, as_json: Json = False) -> int:
 
 
 @store.command(cls=Command, epilog='Example: ballscrew store show "X axis" --store plant')
-def show(axis: AxisName, store: StoreFolder = None, as_json: Json = False) -> int:
-    """Show an axis: its runs and their states, alarms, events and exclusions."""
+def show(
+    subject: Annotated[
+        str, typer.Argument(metavar="AXIS | RUN", help="Name of an axis; id of a run or its beginning.")
+    ],
+    store: StoreFolder = None,
+    as_json: Json = False,
+) -> int:
+    """Show an axis, or what the numbers of a run come from.
+
+    Of an axis: its runs and their states, alarms, events, exclusions, corrections and conflicts. Of a run:
+    its recordings by their hashes, their readers, documents, settings, method and versions.
+    """
     from ballscrew.cli.store import open_store, show_store
 
-    return show_store(open_store(store), axis, as_json=as_json)
+    return show_store(open_store(store), subject, as_json=as_json)
 
 
 @store.command(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from sqlalchemy import delete, select
+from sqlalchemy import delete, insert, select
 from sqlalchemy.orm import Session
 
 from ballscrew._version import __version__
@@ -25,10 +25,18 @@ from ballscrew.prognosis.duty import DutyRecord
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.store.folder import now
-from ballscrew.store.histories import StoredHistory, history_key, read_stored_history
-from ballscrew.store.opened import OpenStore, record
+from ballscrew.store.histories import StoredHistory, batched, history_key, read_stored_history, settings_of
+from ballscrew.store.opened import OpenStore, record, why_read_only
 from ballscrew.store.reading import find_axis
-from ballscrew.store.tables import AlarmRow, Assessment, Axis, CheckpointRow, EpochRow, StateRow
+from ballscrew.store.tables import (
+    AlarmRow,
+    Assessment,
+    Axis,
+    CheckpointRow,
+    EpochRow,
+    StateRow,
+    checksum_of_values,
+)
 
 _ATTEMPTS = 5  # runs may be added meanwhile
 _REASONS = 10  # of an assessment that are stored
@@ -47,7 +55,7 @@ class StoredAssessment:
     newest : Run
         Newest run of the history.
     notes : tuple of str
-        Sentences about runs that are no part of it.
+        Sentences about runs that are no part of it, and why it is not stored.
     """
 
     monitored: Monitored
@@ -80,7 +88,8 @@ def monitor_axis(
     Returns
     -------
     StoredAssessment
-        As :func:`ballscrew.monitor` of the same runs; it does not depend on the order of addition.
+        As :func:`ballscrew.monitor` of the same runs; it does not depend on the order of addition, but for
+        several corrections of one run. If the store cannot be written, the result is not stored.
 
     Raises
     ------
@@ -95,6 +104,7 @@ def monitor_axis(
         "duty": repr(duty),
         "accept": sorted(set(accept)),
     }
+    reason = why_read_only(store, "monitor --store")
     for _ in range(_ATTEMPTS):
         with store.read() as session:
             history = read_stored_history(session, axis, settings)
@@ -109,16 +119,22 @@ def monitor_axis(
             accept=accept,
             checkpoint=history.checkpoint,
         )
+        assessed = StoredAssessment(monitored, len(history.runs), history.newest, _notes(history, reason))
+        if reason is not None:
+            return assessed
         with store.write("monitor --store") as session:
             if history_key(session, find_axis(session, axis)) == history.key:
                 inputs = digest({"history": history.key, "version": __version__, "stated": plain(stated)})
                 _store(session, history, monitored, inputs, stated)
-                return StoredAssessment(monitored, len(history.runs), history.newest, _notes(history))
+                return assessed
     raise InputError(f"{store.path}: runs of {axis} are added all the time; try again.")
 
 
-def _notes(history: StoredHistory) -> tuple[str, ...]:
+def _notes(history: StoredHistory, reason: str | None) -> tuple[str, ...]:
+    """Sentences about runs that are no part of a history, and why a result is not stored."""
     notes = []
+    if reason is not None:
+        notes.append(f"The result is not stored: {reason}")
     if history.missing:
         notes.append(
             f"{history.missing} of the runs have no result by the method of the history "
@@ -136,6 +152,7 @@ def _store(
     """Rows of an assessment, unless they are there."""
     axis = session.get_one(Axis, history.axis.id)
     row = session.scalar(select(Assessment).where(Assessment.axis_id == axis.id, Assessment.inputs == inputs))
+    action = "assess" if row is None else "assess again"
     axis.changed_at = None
     if row is not None and axis.assessment_id == row.id:
         return
@@ -145,14 +162,10 @@ def _store(
         session.flush()
     axis.assessment_id = row.id
     state = monitored.state
-    session.execute(delete(StateRow).where(StateRow.axis_id == axis.id))
-    session.execute(delete(EpochRow).where(EpochRow.axis_id == axis.id))
-    session.add_all(_epoch_rows(state, axis.id))
-    session.flush()
-    session.add_all(_state_rows(state, axis.id, history.rows))
+    _store_states(session, state, axis.id, history.rows)
     _update_alarms(session, state, axis)
     _store_checkpoint(session, history, monitored.checkpoint)
-    record(session, "assess", f"axis {axis.name}", state=state.state, inputs=inputs)
+    record(session, action, f"axis {axis.name}", state=state.state, inputs=inputs)
 
 
 def _assessment(
@@ -182,6 +195,24 @@ def _assessment(
     )
 
 
+def _store_states(session: Session, state: HealthState, axis: int, numbers: dict[str, int]) -> None:
+    """Write the epochs and the rows of the runs that have changed; the others stay as they are."""
+    for epoch in _epoch_rows(state, axis):
+        session.merge(epoch)
+    session.flush()
+    rows = _state_rows(state, axis, numbers)
+    stored: dict[int, int] = {}
+    found = select(StateRow.run_id, StateRow.checksum).where(StateRow.axis_id == axis)
+    stored.update((number, checksum) for number, checksum in session.execute(found))
+    changed = [row for row in rows if stored.get(row["run_id"]) != row["checksum"]]
+    outdated = stored.keys() - {row["run_id"] for row in rows} | {row["run_id"] for row in changed}
+    for batch in batched(sorted(outdated)):
+        session.execute(delete(StateRow).where(StateRow.run_id.in_(batch)))
+    if changed:
+        session.execute(insert(StateRow), changed)
+    session.execute(delete(EpochRow).where(EpochRow.axis_id == axis, EpochRow.number >= len(state.epochs)))
+
+
 def _epoch_rows(state: HealthState, axis: int) -> list[EpochRow]:
     rows = []
     for epoch, chart in zip(state.epochs, state.charts, strict=True):
@@ -206,67 +237,81 @@ def _epoch_rows(state: HealthState, axis: int) -> list[EpochRow]:
     return rows
 
 
-def _state_rows(state: HealthState, axis: int, numbers: dict[str, int]) -> list[StateRow]:
-    """Rows of the runs; a good one has the next row of its epoch's chart."""
+def _state_rows(state: HealthState, axis: int, numbers: dict[str, int]) -> list[dict[str, Any]]:
+    """Columns of the rows of the runs; a good one has the next row of its epoch's chart."""
     charted = [0] * len(state.epochs)
     rows = []
     for run in state.runs:
         reading = run.reading
         nut, low, high = _numbers(run.relative) or (None, None, None)
-        row = StateRow(
-            run_id=numbers[reading.run],
-            axis_id=axis,
-            epoch=reading.epoch,
-            time=moment(reading.measured_at, "a run").timestamp(),
-            state=run.state,
-            verdict=reading.verdict,
-            level=_finite(reading.level),
-            random=_finite(reading.random),
-            systematic=_finite(reading.systematic),
-            unknown_temperature=None,
-            design=None,
-            ramp=_finite(run.ramp),
-            ramp_limit=_finite(run.ramp_limit),
-            odds=_finite(run.odds),
-            odds_limit=_finite(run.odds_limit),
-            nut=nut,
-            nut_low=low,
-            nut_high=high,
-            reasons=list(reading.reasons) or None,
-        )
+        row = {
+            "run_id": numbers[reading.run],
+            "axis_id": axis,
+            "epoch": reading.epoch,
+            "time": moment(reading.measured_at, "a run").timestamp(),
+            "state": run.state,
+            "verdict": reading.verdict,
+            "level": _finite(reading.level),
+            "random": _finite(reading.random),
+            "systematic": _finite(reading.systematic),
+            "unknown_temperature": None,
+            "design": None,
+            "ramp": _finite(run.ramp),
+            "ramp_limit": _finite(run.ramp_limit),
+            "odds": _finite(run.odds),
+            "odds_limit": _finite(run.odds_limit),
+            "nut": nut,
+            "nut_low": low,
+            "nut_high": high,
+            "reasons": list(reading.reasons) or None,
+        }
         chart = state.charts[reading.epoch]
         if chart is not None and reading.verdict == "good":
             _set_design(row, run, chart, charted[reading.epoch])
             charted[reading.epoch] += 1
+        row["checksum"] = checksum_of_values(row)
         rows.append(row)
     return rows
 
 
-def _set_design(row: StateRow, run: RunState, chart: Chart, index: int) -> None:
+def _set_design(row: dict[str, Any], run: RunState, chart: Chart, index: int) -> None:
     """Design of a run, where it has a stiffness."""
     if run.stiffness is not None:
-        row.random = float(chart.design.uncertainty[index])
-        row.unknown_temperature = float(chart.design.unknown_temperature[index])
-        row.design = chart.design.columns[index].astype("<f8").tobytes()
+        row["random"] = float(chart.design.uncertainty[index])
+        row["unknown_temperature"] = float(chart.design.unknown_temperature[index])
+        row["design"] = chart.design.columns[index].astype("<f8").tobytes()
 
 
 def _store_checkpoint(session: Session, history: StoredHistory, checkpoint: Checkpoint | None) -> None:
-    """Store a checkpoint; of the older ones, fewer the older they are, for late runs and corrections."""
+    """Store a checkpoint; of the older ones, fewer the older they are, for late runs and corrections.
+
+    Of each of the other settings the newest stays.
+    """
     if checkpoint is None:
         return
     axis, newest, key = history.axis.id, len(history.prefixes), history.prefixes[-1]
-    stored = session.scalars(select(CheckpointRow).where(CheckpointRow.axis_id == axis))
-    places = {row.key: row for row in stored}
-    if key not in places:
-        places[key] = CheckpointRow(axis_id=axis, key=key, runs=newest, document=checkpoint.to_bytes())
-        session.add(places[key])
+    found = select(CheckpointRow.runs, CheckpointRow.key).where(CheckpointRow.axis_id == axis)
+    stored = [(runs, known) for runs, known in session.execute(found)]
+    if (newest, key) not in stored:
+        stored.append((newest, key))
+        session.add(CheckpointRow(axis_id=axis, key=key, runs=newest, document=checkpoint.to_bytes()))
+        session.flush()
+    former: dict[str, str] = {}
     ages: set[int] = set()
-    for row in sorted(places.values(), key=lambda row: row.runs):
-        age = ((newest - row.runs).bit_length() + 1) // 2
-        if row.key not in history.prefixes or age in ages:
-            session.delete(row)
+    outdated = []
+    for runs, known in sorted(stored):
+        age = ((newest - runs).bit_length() + 1) // 2
+        settings = settings_of(known)
+        if settings != settings_of(key):
+            outdated.append(former.get(settings, ""))
+            former[settings] = known
+        elif known not in history.prefixes or age in ages:
+            outdated.append(known)
         else:
             ages.add(age)
+    session.execute(
+        delete(CheckpointRow).where(CheckpointRow.axis_id == axis, CheckpointRow.key.in_(outdated))
+    )
 
 
 def _update_alarms(session: Session, state: HealthState, axis: Axis) -> None:

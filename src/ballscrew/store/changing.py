@@ -15,10 +15,10 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.fcft.plan import read_plan
 from ballscrew.modal.amend import amend
 from ballscrew.modal.run import Run
-from ballscrew.store.adding import insert_run
 from ballscrew.store.folder import actor, now
+from ballscrew.store.inserting import check_added, check_text, insert_run
 from ballscrew.store.opened import OpenStore, record
-from ballscrew.store.reading import find_axis, find_run, run_versions
+from ballscrew.store.reading import find_axis, find_run, newest_version, run_versions
 from ballscrew.store.tables import (
     Axis,
     Correction,
@@ -64,13 +64,22 @@ def correct_run(
     InputError
         If there is no such run, it was corrected already, or as :func:`ballscrew.amend` raises.
     """
+    check_text("the reason", reason)
     with store.write("store correct") as session:
         row = find_run(session, run)
         new = ""
         for method in session.scalars(
             select(Method).join(ResultRow, ResultRow.method_id == Method.id).where(ResultRow.run_id == row.id)
         ).all():
-            new = amend_result(session, row, method, measured_at=measured_at, mass=mass)
+            corrected = amend_result(session, row, method, measured_at=measured_at, mass=mass)
+            new = corrected.id
+            newest = newest_version(session, row)
+            if newest not in (row.run, new):
+                what = shown(row.run[:12])
+                raise InputError(
+                    f"the run {what} was corrected already; correct the run {shown(newest[:12])}."
+                )
+            check_added(insert_run(session, corrected, method.revision), f"the run {new[:12]}")
         if session.scalar(select(Correction.id).where(Correction.subject == new)) is None:
             _record_corrections(session, row, new, reason)
     return new
@@ -78,13 +87,13 @@ def correct_run(
 
 def amend_result(
     session: Session, row: RunRow, method: Method, *, measured_at: str | None, mass: str | float | None
-) -> str:
-    """Add the result of a corrected run, by the result of the run as it was.
+) -> Run:
+    """Result of a corrected run, by the result of the run as it was.
 
     Parameters
     ----------
     session : Session
-        Writing.
+        Reading.
     row : RunRow
         The run as it was.
     method : Method
@@ -94,8 +103,8 @@ def amend_result(
 
     Returns
     -------
-    str
-        Id of the corrected run.
+    Run
+        The corrected run.
     """
     found = select(ResultRow).where(ResultRow.run_id == row.id, ResultRow.method_id == method.id)
     former = Run.from_json(unpack(session.scalars(found).all()[0].document), f"run {row.run[:12]}")
@@ -103,19 +112,7 @@ def amend_result(
     if mass is not None:
         axis = _document(session, former, "axis", read_axis)
         plan = _document(session, former, "plan", read_plan)
-    corrected = amend(former, measured_at=measured_at, mass=mass, axis=axis, plan=plan)
-    _check_not_corrected(session, row, corrected.id)
-    insert_run(session, corrected, method.revision)
-    return corrected.id
-
-
-def _check_not_corrected(session: Session, row: RunRow, new: str) -> None:
-    """Check that a run has no other correction."""
-    later = session.scalar(select(RunRow).where(RunRow.supersedes == row.run, RunRow.run != new))
-    if later is not None:
-        raise InputError(
-            f"the run {shown(row.run[:12])} was corrected already; correct the run {shown(later.run[:12])}."
-        )
+    return amend(former, measured_at=measured_at, mass=mass, axis=axis, plan=plan)
 
 
 def _document(session: Session, run: Run, kind: str, read: Callable[[Path], Any]) -> Any:
@@ -179,6 +176,7 @@ def choose_model(store: OpenStore, axis: str, model: str, *, reason: str = "") -
     InputError
         If there is no such axis, or not one model of it with this digest.
     """
+    check_text("the reason", reason)
     with store.write("store correct") as session:
         row = find_axis(session, axis)
         matches = Model.digest.startswith(model, autoescape=True)
@@ -243,6 +241,7 @@ def exclude(store: OpenStore, subject: str, *, reason: str = "", undo: bool = Fa
     """
     if not undo and not reason.strip():
         raise InputError("an exclusion needs a reason (--reason).")
+    check_text("the reason", reason)
     with store.write("store exclude") as session:
         event = _find_event(session, subject)
         if event is not None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,26 +16,38 @@ from sqlalchemy.orm import Session
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.modal.run import Run
-from ballscrew.store.adding import cell_rows
 from ballscrew.store.folder import DataFolder
+from ballscrew.store.inserting import cell_rows
 from ballscrew.store.migrating import sqlite_faults
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.raw_files import hash_of, path_of
 from ballscrew.store.tables import (
+    Assessment,
+    Audit,
     Axis,
     Base,
     CellRow,
     Checked,
+    Document,
     RawFile,
     RecordingRow,
     ResultRow,
     RunRow,
+    Source,
+    StateRow,
     checksum_of,
     unpack,
 )
 
 _BATCH = 500  # rows in memory
 _MOST = 1000  # faults that are reported
+# Table into which an action of the audit inserts one row; the first word of the subject of an addition too.
+_INSERTED = {
+    "refuse": "conflicts", "assess": "assessments", "exclude": "exclusions", "raise": "alarms",
+    "keep": "sources", "switch": "corrections", "add run": "results", "add model": "models",
+    "add event": "events",
+}  # fmt: skip
+_CORRECTED = {"measured_at", "mass_kg", "model"}  # fields of which a correction has a row each
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +123,8 @@ def verify(path: str | Path) -> Verification:
         counts[1] = len(files)
         for sha256, compression in files:
             faults += _file_faults(store, sha256, compression)
+    except ValueError:  # of JSON
+        faults.append("database: a document cannot be decoded")
     except InputError as error:
         if not faults and not re.search("damaged|contains no store", str(error)):
             raise
@@ -137,14 +152,65 @@ def _row_faults(session: Session, counts: list[int]) -> Iterator[str]:
         if not _has_its_rows(session, result, run):
             yield f"database: cells or recordings of the run {run.run[:12]} are not those of its result"
     yield from _axis_faults(session)
+    yield from _audit_faults(session)
+    yield from _source_faults(session)
+
+
+def _audit_faults(session: Session) -> Iterator[str]:
+    """Missing rows of the audit, each of which has the checksum of the one before; what contradicts it."""
+    inserted: Counter[str] = Counter()
+    former = None
+    query = select(Audit.id, Audit.checksum, Audit.action, Audit.subject, Audit.detail).order_by(Audit.id)
+    for number, checksum, action, subject, detail in session.execute(
+        query.execution_options(yield_per=_BATCH)
+    ):
+        if detail.get("after") != former:
+            yield f"database: rows of the audit before its row {number} are missing or were changed"
+        former = checksum
+        inserted += _inserted_by(action, subject, detail)
+    for name in sorted({*_INSERTED.values()}):
+        count = session.scalar(select(func.count()).select_from(Base.metadata.tables[name]))
+        if count != inserted[name]:
+            yield f"database: {name} has {count} rows, and by the audit {inserted[name]} were inserted"
+
+
+def _inserted_by(action: str, subject: str, detail: Mapping[str, Any]) -> Counter[str]:
+    """Number of rows that were inserted into each table, by a row of the audit."""
+    if action == "simulate":
+        return Counter(results=detail["runs"], models=1, assessments=1)
+    if action == "correct":
+        return Counter(corrections=len(_CORRECTED & detail.keys()))
+    if action == "add":
+        action = f"add {subject.split()[0]}"
+    table = _INSERTED.get(action)
+    return Counter() if table is None else Counter([table])
+
+
+def _source_faults(session: Session) -> Iterator[str]:
+    """Raw files and documents of runs that have no row."""
+    for source, run in session.execute(
+        select(Source, RunRow.run)
+        .join(RunRow, RunRow.id == Source.run_id)
+        .execution_options(yield_per=_BATCH)
+    ):
+        needed: list[tuple[type[Base], str]] = []
+        needed += [(RawFile, key) for key in source.stated["files"]]
+        needed += [(Document, key) for key in source.stated["documents"].values()]
+        for kind, key in needed:
+            if session.get(kind, key) is None:
+                yield f"database: {key[:12]}, which the run {run[:12]} was analysed from, has no row"
 
 
 def _axis_faults(session: Session) -> Iterator[str]:
-    """Axes whose number of runs, assessment or model is not in the store, and runs without a result."""
+    """Axes whose runs, states, assessment or model are not in the store, and runs without a result."""
     for run in session.scalars(select(RunRow.run).where(RunRow.id.not_in(select(ResultRow.run_id)))):
         yield f"database: the result of the run {run[:12]} is missing"
-    counted = select(RunRow.axis_id, func.count()).group_by(RunRow.axis_id)
-    numbers = {axis: number for axis, number in session.execute(counted)}  # noqa: C416
+    numbers = _counts(session, RunRow.axis_id)
+    states = _counts(session, StateRow.axis_id)
+    newest = select(Axis.id, Axis.name, Assessment.runs).join(Assessment, Assessment.id == Axis.assessment_id)
+    for axis, name, assessed in session.execute(newest):
+        if assessed != states.get(axis, 0):
+            yield f"database: states of the runs of the axis {name} are missing"
     axes = select(Axis.id, Axis.name, Axis.runs, Axis.assessment_id, Axis.model_digest)
     for axis, name, runs, assessment, model in session.execute(axes):
         if runs != numbers.get(axis, 0):
@@ -153,6 +219,12 @@ def _axis_faults(session: Session) -> Iterator[str]:
             session, "models", "digest", model
         ):
             yield f"database: the assessment or the model of the axis {name} is missing"
+
+
+def _counts(session: Session, axis: Any) -> dict[int, int]:
+    """Number of rows of each axis."""
+    found = session.execute(select(axis, func.count()).group_by(axis))
+    return {number: count for number, count in found}  # noqa: C416  rows are no pairs to mypy
 
 
 def _exists(session: Session, table: str, column: str, key: Any) -> bool:

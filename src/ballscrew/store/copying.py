@@ -6,7 +6,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,14 @@ from ballscrew.base.files import sync_folder, write_text
 from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.provenance import digest
 from ballscrew.store.checking import verify
-from ballscrew.store.database import connect_sqlite, make_engine, sqlite_url, translated
+from ballscrew.store.database import connect_sqlite, make_engine, sqlite_url, translated, undisturbed
 from ballscrew.store.folder import DataFolder, check_outside_stores
 from ballscrew.store.histories import current_events
 from ballscrew.store.migrating import copy_sqlite, settle, upgrade
 from ballscrew.store.opened import OpenStore, record, tables
 from ballscrew.store.raw_files import clone_file, copy_out, make_folder, path_of
 from ballscrew.store.reading import current_rows, find_axis, find_method
+from ballscrew.store.showing import run_document
 from ballscrew.store.tables import (
     AlarmRow,
     Axis,
@@ -105,11 +106,9 @@ def _new_folder(final: Path) -> Iterator[Path]:
 def _copy_database(store: OpenStore, target: Path) -> None:
     """Copy all rows into a new SQLite database."""
     if store.folder.database_url() is None:
-        source = connect_sqlite(store.folder.sqlite)
-        try:
+        path = store.folder.sqlite
+        with undisturbed(path), closing(connect_sqlite(path)) as source:
             copy_sqlite(source, target)
-        finally:
-            source.close()
     else:
         target.touch()
         engine = make_engine(sqlite_url(target), writing=True)
@@ -235,11 +234,16 @@ def archive(store: OpenStore, axis: str, to: str | Path, *, newest: int = 30) ->
     except OSError as error:
         raise InputError(f"{target}: cannot be created ({error.strerror or error}).") from None
     moved, size = [], 0
+    with store.read() as session:
+        files = [
+            (row.sha256, row.compression) for row in _dispensable(session, find_axis(session, axis), newest)
+        ]
+    for sha256, compression in files:  # durable before the lock is taken: others write meanwhile
+        clone_file(path_of(store.folder.files, sha256, compression), target, sha256, compression)
     with store.write("store archive") as session:
         for row in _dispensable(session, find_axis(session, axis), newest):
-            clone_file(
-                path_of(store.folder.files, row.sha256, row.compression), target, row.sha256, row.compression
-            )
+            if (row.sha256, row.compression) not in files:
+                continue
             row.archived_to = str(target.resolve())
             moved.append((row.sha256, row.compression))
             size += row.stored_size
@@ -284,7 +288,8 @@ def export(store: OpenStore, axis: str, to: str | Path, *, raw: bool = False) ->
     axis : str
         Name of the axis.
     to : path-like
-        New folder: ``runs/*.json``, ``events.toml``, ``models/*.json`` and ``sheets/*.toml``.
+        New folder: ``runs/*.json``, ``events.toml``, ``models/*.json``, ``sheets/*.toml`` and
+        ``provenance.json``, which states for each run what :func:`~ballscrew.store.showing.show_run` does.
     raw : bool
         Whether the raw files that the store has are written too, with the documents of their runs.
 
@@ -317,7 +322,9 @@ def export(store: OpenStore, axis: str, to: str | Path, *, raw: bool = False) ->
 
 def _export_results(session: Session, axis: Axis, folder: Path) -> None:
     method = find_method(session, axis)
+    provenance = []
     for row in current_rows(session, axis):
+        provenance.append(run_document(session, session.get_one(RunRow, row.id), axis, method))
         result = None
         if method is not None:
             found = select(ResultRow).where(ResultRow.run_id == row.id, ResultRow.method_id == method.id)
@@ -325,6 +332,8 @@ def _export_results(session: Session, axis: Axis, folder: Path) -> None:
         if result is not None:
             document = unpack(result.document)
             _write(folder / "runs" / f"{_file_name(row)}.json", write_json(document) + "\n")
+    document = {"schema": SCHEMA, "axis": axis.name, "runs": provenance}
+    _write(folder / "provenance.json", write_json(document) + "\n")
 
 
 def _export_raw(session: Session, store: OpenStore, axis: Axis, folder: Path) -> None:

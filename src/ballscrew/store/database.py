@@ -14,11 +14,13 @@ from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
 from sqlalchemy.pool import NullPool
 
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import InputError, shown
 from ballscrew.store.tables import SCHEMA, SCHEMAS
 
 _WRITERS = 0x62616C6C  # advisory lock of PostgreSQL: one writer at a time
 _BUSY = 60_000  # ms
+_IMMUTABLE = "ro&immutable=1"
+_WAL_BYTE = 19  # of the file: 2 for a database with a write-ahead log
 _WAL_LIMIT = 64 << 20  # bytes that the write-ahead log keeps after a checkpoint
 
 # Sentence for what databases report, by a part of their message.
@@ -32,6 +34,7 @@ _SENTENCES = (
     ("database is locked", "the database is in use by another process; try again"),
     ("no such (table|column)", "the database lacks a table or a column: it is damaged"),
     ("unable to open database|no such file", "the database cannot be opened"),
+    ("invalid byte sequence", "a text contains NUL or is not valid Unicode"),
     ("disk I/O error", "the disk reported an error; nothing was added"),
     (
         "[Cc]onnect|network|password|28P01|role .* does not exist|terminating|57P0|3D000|server closed",
@@ -122,13 +125,7 @@ def connect_sqlite(path: Path, *, writing: bool = False) -> sqlite3.Connection:
     sqlite3.Connection
         A reader too opens a database so that it can roll back what a killed process left half written.
     """
-    mode = "rw"
-    if not os.access(path.parent, os.W_OK):
-        log = path.with_name(f"{path.name}-wal")
-        mode = "ro&immutable=1"  # without a write-ahead log, which cannot be created
-        if log.exists() and log.stat().st_size > 0:
-            mode = "ro"
-    address = f"{path.resolve().as_uri()}?mode={mode}"
+    address = f"{path.resolve().as_uri()}?mode={_mode(path)}"
     # SQLAlchemy begins the transactions; Python's sqlite3 would begin others.
     connection = sqlite3.connect(address, uri=True, isolation_level=None, check_same_thread=False)
     connection.execute(f"PRAGMA busy_timeout = {_BUSY}")
@@ -136,6 +133,54 @@ def connect_sqlite(path: Path, *, writing: bool = False) -> sqlite3.Connection:
     if not writing:
         connection.execute("PRAGMA query_only = ON")
     return connection
+
+
+def _mode(path: Path) -> str:
+    """How a database is opened.
+
+    In a folder that cannot be written, SQLite can open one with a write-ahead log only if the log is there,
+    or without any lock, as immutable. Another user may write to it meanwhile: see :func:`undisturbed`. A
+    backup has no write-ahead log.
+    """
+    if os.access(path.parent, os.W_OK):
+        return "rw"
+    log = path.with_name(f"{path.name}-wal")
+    if log.exists() and log.stat().st_size > 0:
+        return "ro"
+    with path.open("rb") as stream:
+        has_log = stream.read(_WAL_BYTE + 1)[_WAL_BYTE:] == b"\2"
+    return _IMMUTABLE if has_log else "ro"
+
+
+@contextmanager
+def undisturbed(path: Path) -> Iterator[None]:
+    """Refuse what was read without a lock if another process has written to the database meanwhile.
+
+    Parameters
+    ----------
+    path : Path
+        Of a SQLite database, which need not exist.
+
+    Yields
+    ------
+    None
+        While it is read.
+
+    Raises
+    ------
+    InputError
+        If it was written; whatever was read may be wrong.
+    """
+    if not path.is_file() or _mode(path) != _IMMUTABLE:
+        yield
+        return
+    before = path.stat()
+    try:
+        yield
+    finally:
+        after = path.stat()
+        if (after.st_mtime_ns, after.st_size) != (before.st_mtime_ns, before.st_size):
+            raise InputError(f"{path}: was written while it was read; try again.")
 
 
 @contextmanager
@@ -159,8 +204,9 @@ def translated(where: object) -> Iterator[None]:
     """
     try:
         yield
-    except UnicodeEncodeError:
-        raise InputError(f"{where}: a text is not valid Unicode.") from None
+    except UnicodeEncodeError as error:
+        text = error.object[max(error.start - 20, 0) : error.end]
+        raise InputError(f"{where}: the text {shown(text)} is not valid Unicode.") from None
     except (DBAPIError, sqlite3.Error, OSError) as error:
         if isinstance(error, OSError) and error.filename is not None:
             raise

@@ -20,8 +20,8 @@ from ballscrew.base.provenance import Made, digest
 from ballscrew.modal.cell import CellResult
 from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.quality.finding import Quality
-from ballscrew.store.adding import axis_row, method_row
 from ballscrew.store.folder import now
+from ballscrew.store.inserting import axis_row, method_row
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.tables import (
     Assessment,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -20,10 +20,11 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.checkpoint import CHECKPOINT_SCHEMA, Checkpoint
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Event
-from ballscrew.store.reading import current_rows, find_axis, find_method, find_model
+from ballscrew.store.reading import current_rows, find_axis, find_method, find_model, shared_recordings
 from ballscrew.store.tables import Axis, CheckpointRow, EventRow, Exclusion, Method, ResultRow, RunRow, unpack
 
 _MOST_PARAMETERS = 500  # of a statement; databases have limits
+_SETTINGS = 16  # characters of a digest
 
 
 @dataclass(frozen=True)
@@ -45,11 +46,11 @@ class StoredHistory:
     newest : Run
         The newest of all.
     checkpoint : Checkpoint or None
-        What the runs before these have taught.
+        Of the runs before these.
     rows : dict of str to int
         Number of the row of each run of the history, by id.
     prefixes : tuple of str
-        Key of the first, the first two, ... runs with all that follows from these.
+        Key of the first, the first two, ... runs with all that follows from these, see :func:`settings_of`.
     events : tuple of Event
         By time, without excluded ones.
     key : str
@@ -97,7 +98,7 @@ def read_stored_history(
     Raises
     ------
     InputError
-        If there is no such axis, or it has no model or no run.
+        If there is no such axis, it has no model or no run, or two of its runs share a recording.
     """
     axis = find_axis(session, name)
     model = find_model(session, axis)
@@ -108,6 +109,14 @@ def read_stored_history(
     usable = [row for row in timed if row.id in checksums]
     if method is None or not usable:
         raise InputError(f"the store has no run of the axis {shown(name)} with a time.")
+    shared = shared_recordings(session, axis, usable)
+    if shared:
+        one, other, recording = shared[0]
+        raise InputError(
+            f"the runs {one[:12]} and {other[:12]} of the axis {shown(name)} are made of the same "
+            f"recording, {shown(recording)}, which would count twice: exclude one of them ('ballscrew store "
+            f"exclude'); 'ballscrew store show' lists all {len(shared)} such pairs."
+        )
     events = current_events(session, axis)
     prefixes = _prefixes(usable, checksums, events, model.digest, settings)
     checkpoint, start = _newest_checkpoint(session, axis, usable, prefixes)
@@ -142,13 +151,23 @@ def _prefixes(
     """Key of each beginning of a history: its runs and results, the events until then, model and settings."""
     if settings is None:
         return ()
-    basis = digest([model, plain(asdict(settings), 17), __version__, CHECKPOINT_SCHEMA])
+    stated = digest(plain(asdict(settings), 17))
+    basis = digest([model, stated, __version__, CHECKPOINT_SCHEMA])
+    times = [event.when.timestamp() for event in events]
+    past, count = "", 0
     keys = []
-    for row in rows:
+    for row in rows:  # by time, as the events
+        while count < len(events) and times[count] <= row.time:
+            past = digest([past, events[count].at, events[count].kind])
+            count += 1
         basis = digest([basis, row.run, checksums[row.id]])
-        past = [(event.at, event.kind) for event in events if event.when.timestamp() <= row.time]
-        keys.append(digest([basis, past]))
+        keys.append(f"{stated[:_SETTINGS]}-{digest([basis, past])}")
     return tuple(keys)
+
+
+def settings_of(key: str) -> str:
+    """Settings of the detection of a checkpoint, by its key: the beginning of their digest."""
+    return key[:_SETTINGS]
 
 
 def _newest_checkpoint(
@@ -169,14 +188,19 @@ def _newest_checkpoint(
     return None, 0
 
 
+def batched(numbers: Sequence[int]) -> Iterator[Sequence[int]]:
+    """As many numbers at a time as a statement may have parameters."""
+    for start in range(0, len(numbers), _MOST_PARAMETERS):
+        yield numbers[start : start + _MOST_PARAMETERS]
+
+
 def result_documents(session: Session, runs: Sequence[int], method: Method) -> dict[int, bytes]:
     """RUN.json, packed, of runs by a method."""
     documents: dict[int, bytes] = {}
-    for start in range(0, len(runs), _MOST_PARAMETERS):
+    for batch in batched(runs):
         found = session.execute(
             select(ResultRow.run_id, ResultRow.document).where(
-                ResultRow.run_id.in_(runs[start : start + _MOST_PARAMETERS]),
-                ResultRow.method_id == method.id,
+                ResultRow.run_id.in_(batch), ResultRow.method_id == method.id
             )
         )
         documents.update((number, document) for number, document in found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 from alembic import command
@@ -12,7 +13,14 @@ from sqlalchemy import Connection
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import sync_folder
-from ballscrew.store.database import connect_sqlite, make_engine, schema_of, sqlite_url, translated
+from ballscrew.store.database import (
+    connect_sqlite,
+    make_engine,
+    schema_of,
+    sqlite_url,
+    translated,
+    undisturbed,
+)
 from ballscrew.store.folder import DataFolder
 from ballscrew.store.tables import SCHEMA, SCHEMAS
 
@@ -122,19 +130,15 @@ def copy_sqlite(source: sqlite3.Connection, target: Path) -> None:
 def sqlite_faults(path: Path) -> list[str]:
     """Faults of a SQLite database by its own checks."""
     faults = []
-    connection = None
     try:
-        connection = connect_sqlite(path)
-        for (line,) in connection.execute("PRAGMA integrity_check(20)"):
-            if line != "ok":
-                faults.append(f"database: {line}")
-        for table, row, parent, _ in connection.execute("PRAGMA foreign_key_check"):
-            faults.append(f"database: row {row} of {table} refers to a row of {parent} that is missing")
+        with undisturbed(path), closing(connect_sqlite(path)) as connection:
+            for (line,) in connection.execute("PRAGMA integrity_check(20)"):
+                if line != "ok":
+                    faults.append(f"database: {line}")
+            for table, row, parent, _ in connection.execute("PRAGMA foreign_key_check"):
+                faults.append(f"database: row {row} of {table} refers to a row of {parent} that is missing")
     except sqlite3.DatabaseError as error:
         faults.append(f"database: {error}")
-    finally:
-        if connection is not None:
-            connection.close()
     return faults
 
 

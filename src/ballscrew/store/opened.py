@@ -7,11 +7,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Engine
+from sqlalchemy import Engine, select
 from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError
-from ballscrew.store.database import check_schema, make_engine, sqlite_url, translated
+from ballscrew.store.database import check_schema, make_engine, sqlite_url, translated, undisturbed
 from ballscrew.store.folder import DataFolder, actor, now
 from ballscrew.store.raw_files import make_folder
 from ballscrew.store.tables import Audit, Base
@@ -58,7 +58,11 @@ class OpenStore:
         Session
             Closed with the block: no reader stays open.
         """
-        with translated(self.path), Session(self.engine(writing=False)) as session:
+        with (
+            translated(self.path),
+            undisturbed(self.folder.sqlite),
+            Session(self.engine(writing=False)) as session,
+        ):
             yield session
 
     @contextmanager
@@ -90,8 +94,23 @@ class OpenStore:
             yield session
 
 
+def why_read_only(store: OpenStore, purpose: str) -> str | None:
+    """Sentence why a store cannot be written now; None if it can."""
+    try:
+        with store.write(purpose) as session:
+            session.connection()  # begins the transaction
+    except InputError as error:
+        return str(error)
+    return None
+
+
 def record(session: Session, action: str, subject: str, **detail: Any) -> None:
-    """Add a row to the audit."""
+    """Add a row to the audit.
+
+    It contains the checksum of the row before it, so that ``verify`` finds one that is missing.
+    """
+    newest = select(Audit.checksum).order_by(Audit.id.desc()).limit(1)
+    detail["after"] = session.scalar(newest)  # which flushes those before
     session.add(Audit(at=now(), actor=actor(), action=action, subject=subject, detail=detail))
 
 

@@ -1,4 +1,4 @@
-"""What the store contains: the fleet, and an axis with its trend."""
+"""What the store contains: axes, runs, models and methods by their names, the fleet, and trends."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from sqlalchemy import func, or_, select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError, shown
@@ -16,15 +16,14 @@ from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.tables import (
-    AlarmRow,
     Assessment,
     Axis,
     EpochRow,
-    EventRow,
     Exclusion,
     MachineRow,
     Method,
     Model,
+    RecordingRow,
     ResultRow,
     RunRow,
     StateRow,
@@ -144,12 +143,21 @@ def current_rows(session: Session, axis: Axis, rows: Sequence[Any] | None = None
     )
     former = {row.run: row.supersedes for row in rows}
     superseded = set(former.values())
-    current: list[Any] = []
+    newest: dict[str, Any] = {}
     for row in rows:
-        # An exclusion of any version of a run is one of the run.
-        counts = row.run not in superseded and not excluded.intersection(_versions(row.run, former))
-        current += [row] * counts
-    return current
+        first = _first_version(row.run, former)
+        # Of several corrections of a run, the one that was added last counts.
+        if row.run not in superseded and (first not in newest or row.id > newest[first].id):
+            newest[first] = row
+    for run in excluded:  # an exclusion of any version of a run is one of the run
+        newest.pop(_first_version(run, former), None)
+    counting = {row.id for row in newest.values()}
+    return [row for row in rows if row.id in counting]
+
+
+def _first_version(run: str, former: Mapping[str, str | None]) -> str:
+    """Id of the run that a run is a correction of, or its own."""
+    return list(_versions(run, former))[-1]
 
 
 def _versions(run: str, former: Mapping[str, str | None]) -> Iterable[str]:
@@ -166,8 +174,56 @@ def run_versions(session: Session, row: RunRow) -> list[int]:
     """Numbers of a run and of all its corrections, earlier and later."""
     rows = run_rows(session, row.axis_id)
     former = {each.run: each.supersedes for each in rows}
-    first = list(_versions(row.run, former))[-1]
+    first = _first_version(row.run, former)
     return [each.id for each in rows if first in _versions(each.run, former)]
+
+
+def newest_version(session: Session, row: RunRow) -> str:
+    """Id of the correction of a run that was added last and is not corrected itself; else its own."""
+    numbers = run_versions(session, row)
+    versions = session.scalars(select(RunRow).where(RunRow.id.in_(numbers)).order_by(RunRow.id)).all()
+    superseded = {each.supersedes for each in versions}
+    found = row.run
+    for each in versions:
+        if each.run not in superseded:
+            found = each.run
+    return found
+
+
+def shared_recordings(session: Session, axis: Axis, rows: Sequence[Any]) -> list[tuple[str, str, str]]:
+    """Pairs of runs that are made of the same recording, which would count twice.
+
+    Parameters
+    ----------
+    session : Session
+        Reading.
+    axis : Axis
+        Row of the axis.
+    rows : sequence of Row
+        Rows of the runs that count.
+
+    Returns
+    -------
+    list of (run, run, name)
+        Ids of both, by time, and name of the first recording that they share.
+    """
+    of_axis = select(RecordingRow.sha256).join(RunRow, RunRow.id == RecordingRow.run_id)
+    of_axis = of_axis.where(RunRow.axis_id == axis.id)
+    repeated = of_axis.group_by(RecordingRow.sha256).having(func.count() > 1)
+    columns = (RecordingRow.run_id, RecordingRow.sha256, RecordingRow.name)
+    recordings = select(*columns).join(RunRow, RunRow.id == RecordingRow.run_id)
+    recordings = recordings.where(RunRow.axis_id == axis.id, RecordingRow.sha256.in_(repeated))
+    files: dict[int, list[tuple[str, str]]] = {}
+    for number, sha256, name in session.execute(recordings.order_by(RecordingRow.place)):
+        files.setdefault(number, []).append((sha256, name))
+    owner: dict[str, str] = {}
+    pairs: dict[tuple[str, str], str] = {}
+    for row in rows:
+        for sha256, name in files.get(row.id, []):
+            other = owner.setdefault(sha256, row.run)
+            if other != row.run:
+                pairs.setdefault((other, row.run), name)
+    return [(first, second, name) for (first, second), name in pairs.items()]
 
 
 def list_axes(store: OpenStore) -> dict[str, Any]:
@@ -193,11 +249,11 @@ def list_axes(store: OpenStore) -> dict[str, Any]:
     axes = []
     for name, runs, site, machine, changed_at, assessment in found:
         row = {"axis": name, "site": site or None, "machine": machine, "runs": runs}
-        axes.append(row | _assessment_document(assessment, changed_at))
+        axes.append(row | assessment_document(assessment, changed_at))
     return {"schema": SCHEMA, "axes": axes}
 
 
-def _assessment_document(row: Assessment | None, changed_at: str | None) -> dict[str, Any]:
+def assessment_document(row: Assessment | None, changed_at: str | None) -> dict[str, Any]:
     """State and forecast of an axis; unknown where it was not assessed since its history has changed."""
     document: dict[str, Any] = {"state": "unknown", "urgency": "unknown", "changed_at": changed_at}
     if row is None:
@@ -214,91 +270,6 @@ def _assessment_document(row: Assessment | None, changed_at: str | None) -> dict
         "rul_days": row.rul_days,
         "reasons": row.reasons or [],
     }
-
-
-def show_axis(store: OpenStore, name: str) -> dict[str, Any]:
-    """An axis: its newest assessment, its trend, alarms, events and exclusions.
-
-    Parameters
-    ----------
-    store : OpenStore
-        The store.
-    name : str
-        Name of the axis.
-
-    Returns
-    -------
-    dict
-        Document of ``store show --json``.
-
-    Raises
-    ------
-    InputError
-        If there is no such axis.
-    """
-    with store.read() as session:
-        axis = find_axis(session, name)
-        assessment = None
-        if axis.assessment_id is not None:
-            assessment = session.get(Assessment, axis.assessment_id)
-        method = find_method(session, axis)
-        alarms = session.scalars(
-            select(AlarmRow).where(AlarmRow.axis_id == axis.id).order_by(AlarmRow.id)
-        ).all()
-        of_run, of_event = Exclusion.run_id == RunRow.id, Exclusion.event_id == EventRow.id
-        excluded = session.execute(
-            select(RunRow.run, EventRow.digest, Exclusion)
-            .select_from(Exclusion)
-            .outerjoin(RunRow, of_run)
-            .outerjoin(EventRow, of_event)
-            .where(or_(RunRow.axis_id == axis.id, EventRow.axis_id == axis.id))
-            .order_by(Exclusion.id)
-        ).all()
-        events = session.scalars(
-            select(EventRow).where(EventRow.axis_id == axis.id).order_by(EventRow.time, EventRow.digest)
-        ).all()
-        return {
-            "schema": SCHEMA,
-            "axis": axis.name,
-            "method": None if method is None else {"name": method.name, "revision": method.revision},
-            **_assessment_document(assessment, axis.changed_at),
-            "runs": _runs_document(session, axis, method, trend(session, axis)),
-            "alarms": [_named(row, "epoch", "began_at", "raised_at", "retracted_at") for row in alarms],
-            "events": [_named(row, "digest", "at", "kind", "text") for row in events],
-            "exclusions": [
-                {"run": run, "event": event} | _named(row, "reason", "actor", "begun_at", "ended_at")
-                for run, event, row in excluded
-            ],
-        }
-
-
-def _named(row: Any, *names: str) -> dict[str, Any]:
-    return {name: getattr(row, name) for name in names}
-
-
-def _runs_document(
-    session: Session, axis: Axis, method: Method | None, states: Mapping[int, Any]
-) -> list[dict[str, Any]]:
-    """Every run of an axis in time order, with what is known of it."""
-    verdicts: dict[int, str] = {}
-    if method is not None:
-        results = (
-            select(ResultRow.run_id, ResultRow.verdict)
-            .join(RunRow, RunRow.id == ResultRow.run_id)
-            .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
-        )
-        verdicts = {number: verdict for number, verdict in session.execute(results)}  # noqa: C416
-    rows = run_rows(session, axis.id)
-    current = {row.id for row in current_rows(session, axis, rows)}
-    unknown = {"state": "unknown", "stiffness": None, "nut": None}
-    runs = []
-    for number, run, measured_at, _, mass, temperature, supersedes in rows:
-        document = {
-            "run": run, "measured_at": measured_at, "mass_kg": mass, "temperature_C": temperature,
-            "supersedes": supersedes, "counts": number in current, "quality": verdicts.get(number),
-        }  # fmt: skip
-        runs.append(document | states.get(number, unknown))
-    return runs
 
 
 def trend(session: Session, axis: Axis) -> dict[int, dict[str, Any]]:

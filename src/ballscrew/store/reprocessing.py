@@ -26,6 +26,7 @@ from ballscrew.modal.run import Run
 from ballscrew.store import adding
 from ballscrew.store.changing import amend_result
 from ballscrew.store.folder import actor, now
+from ballscrew.store.inserting import insert_run
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.raw_files import materialised
 from ballscrew.store.reading import current_rows, find_axis, find_method
@@ -117,7 +118,11 @@ def reprocess(
         for name in names:  # the history stays, however many new results there are
             axis = find_axis(session, name)
             method_now = find_method(session, axis)
-            axis.method_id = None if method_now is None else method_now.id
+            if method_now is not None and axis.method_id is None:
+                axis.method_id = method_now.id
+                record(
+                    session, "choose", f"axis {name}", method=method_now.name, revision=method_now.revision
+                )
         tasks, failures = _tasks(session, store, names, options)
     for done, (task, result) in enumerate(_results(tasks, workers), 1):
         if isinstance(result, str):
@@ -254,7 +259,7 @@ def _results(tasks: Sequence[Task], workers: int) -> Iterator[tuple[Task, dict[s
 def _insert(store: OpenStore, document: dict[str, Any]) -> None:
     run = Run.from_json(document)
     with store.write("reprocess") as session:
-        adding.insert_run(session, run, adding.METHOD_REVISION)
+        insert_run(session, run, adding.METHOD_REVISION)
 
 
 def _amend_corrected(session: Session, names: Iterable[str], options: AnalysisOptions) -> None:
@@ -283,7 +288,8 @@ def _amend_like(session: Session, old: RunRow, new: RunRow, method: Method) -> N
     measured_at = new.measured_at
     if mass is not None and measured_at == old.measured_at:
         measured_at = None
-    amend_result(session, old, method, measured_at=measured_at, mass=mass)
+    corrected = amend_result(session, old, method, measured_at=measured_at, mass=mass)
+    insert_run(session, corrected, method.revision)
 
 
 def _compare(session: Session, axis: Axis, options: AnalysisOptions) -> dict[str, Any]:

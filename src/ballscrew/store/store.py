@@ -13,6 +13,7 @@ from ballscrew.store import (
     opened,
     reading,
     reprocessing,
+    showing,
 )
 
 
@@ -39,7 +40,8 @@ class Store(opened.OpenStore):
     init = staticmethod(opened.create_store)
     add = adding.add
     list = reading.list_axes
-    show = reading.show_axis
+    show = showing.show_axis
+    show_run = showing.show_run
     monitor = assessing.monitor_axis
     correct = changing.correct_run
     choose_model = changing.choose_model

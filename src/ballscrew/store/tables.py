@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import zstandard
@@ -82,11 +83,16 @@ def checksum_of(row: Checked) -> int:
     int
         Of 64 bits, with sign.
     """
-    values = {}
-    for column in inspect(type(row)).columns:
-        if column.name not in ("id", "checksum"):
-            value = getattr(row, column.key)
-            values[column.name] = value.hex() if isinstance(value, bytes) else value
+    names = [column.key for column in inspect(type(row)).columns]
+    return checksum_of_values({name: getattr(row, name) for name in names if name not in ("id", "checksum")})
+
+
+def checksum_of_values(row: Mapping[str, Any]) -> int:
+    """Checksum of a row that is a mapping of its columns, without ``id`` and ``checksum``."""
+    values = dict(row)
+    for name, value in row.items():
+        if isinstance(value, bytes):
+            values[name] = value.hex()
     text = json.dumps(values, sort_keys=True)
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "big", signed=True)
 
@@ -340,7 +346,7 @@ class StateRow(Checked, Base):
 
 
 class CheckpointRow(Checked, Base):
-    """What the first ``runs`` runs of an axis have taught; the key is that of all that it follows from."""
+    """Checkpoint of the first ``runs`` runs of an axis; the key is that of all that it follows from."""
 
     __tablename__ = "checkpoints"
     axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"), primary_key=True)
@@ -387,7 +393,10 @@ class Assessment(Checked, Base):
 
 
 class Audit(Checked, Base):
-    """What was done to the store, when, by whom."""
+    """What was done to the store, when, by whom.
+
+    ``detail["after"]`` is the checksum of the row before.
+    """
 
     __tablename__ = "audit"
     id: Mapped[int] = mapped_column(primary_key=True)

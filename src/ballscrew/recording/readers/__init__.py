@@ -9,6 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
 
+from ballscrew._version import __version__
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import open_regular
 from ballscrew.recording.header import Header
@@ -115,6 +116,27 @@ def reader_for(path: str | Path) -> Reader:
     if broken:
         text += f"; readers that could not be used: {'; '.join(broken)}"
     raise InputError(f"{text}.")
+
+
+def version_of(name: str) -> str:
+    """Package of a reader, and its version.
+
+    Parameters
+    ----------
+    name : str
+        Of the reader.
+
+    Returns
+    -------
+    str
+        Such as ``"ballscrew 0.1.0"``; empty where no installed package has a reader of this name.
+    """
+    if name in _BUILT_IN:
+        return f"ballscrew {__version__}"
+    for point in entry_points(group=GROUP, name=name):
+        if point.dist is not None:
+            return f"{point.dist.name} {point.dist.version}"
+    return ""
 
 
 def _refuse_unread(path: Path, head: bytes) -> None:
