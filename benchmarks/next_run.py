@@ -4,15 +4,20 @@
 
 A simulated axis with a run a day, worn in the last days: an alarm with causes, stage and forecast is the
 dearest case. The checkpoint is read from its bytes; limits that the process remembers are forgotten before.
+Through the store: the same by ``monitor --store`` with SQLite, from the rows that were read to those that are
+durable.
 """
 
 from __future__ import annotations
 
 import argparse
+import tempfile
 import time
 import tracemalloc
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+
+from sqlalchemy import select
 
 import ballscrew
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
@@ -23,6 +28,11 @@ from ballscrew.monitoring.detection import limits
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.health import health_of
 from ballscrew.monitoring.history import read_history
+from ballscrew.store.adding import METHOD_REVISION, add_model, add_run
+from ballscrew.store.assessing import monitor_axis
+from ballscrew.store.inserting import insert_run
+from ballscrew.store.opened import OpenStore, create_store
+from ballscrew.store.tables import StateRow
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 from benchmarks.preload import axis
@@ -62,15 +72,48 @@ def row(count: int) -> str:
     peak = tracemalloc.get_traced_memory()[1] / 1e6
     tracemalloc.stop()
     size = len(data) / 1000
-    return f"| {count + 1} | {first:.1f} | {judging:.2f} | {both:.2f} | {peak:.0f} MB | {size:.0f} kB |"
+    stored, changed = through_store(runs, model)
+    times = f"{first:.1f} | {judging:.2f} | {both:.2f} | {stored:.2f}"
+    return f"| {count + 1} | {times} | {changed} | {peak:.0f} MB | {size:.0f} kB |"
+
+
+def through_store(runs: Sequence[Run], model: CalibratedAxis) -> tuple[float, int]:
+    """Processor time to assess the newest run by a store, and the number of states that are written."""
+    with tempfile.TemporaryDirectory(prefix="ballscrew-") as folder:
+        store = create_store(Path(folder) / "store")
+        add_model(store, model)
+        with store.write("benchmark") as session:
+            for run in runs[:-1]:
+                insert_run(session, run, METHOD_REVISION)
+        axis = str(runs[0].axis)
+        monitor_axis(store, axis)
+        add_run(store, runs[-1])
+        before = states(store)
+        limits._KNOWN.clear()
+        begin = time.process_time()
+        found = monitor_axis(store, axis)
+        used = time.process_time() - begin
+        assert found.new_runs == 1
+        return used, len(states(store) - before)
+
+
+def states(store: OpenStore) -> set[tuple[int, int]]:
+    """Run and checksum of each row of a state."""
+    with store.read() as session:
+        return {
+            (run, checksum) for run, checksum in session.execute(select(StateRow.run_id, StateRow.checksum))
+        }
 
 
 def table(counts: Sequence[int]) -> Iterator[str]:
     """Lines of the table."""
     yield heading("python -m benchmarks.next_run")
     yield ""
-    yield "| run | all from the first, CPU-s | from a checkpoint | and forecast | memory | checkpoint |"
-    yield "|---|---|---|---|---|---|"
+    yield (
+        "| run | all from the first, CPU-s | from a checkpoint | and forecast | through the store "
+        "| states written | memory | checkpoint |"
+    )
+    yield "|---|---|---|---|---|---|---|---|"
     ballscrew.monitor(*history(8))  # imports and compiles
     for count in counts:
         yield row(count)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -77,6 +78,50 @@ def test_every_command_prints_a_document(capsys: pytest.CaptureFixture[str]) -> 
     assert printed(capsys, *fleet)["runs"] == 20
     assert len(printed(capsys, "store", "list")["axes"]) == 3  # type: ignore[arg-type]
     assert printed(capsys, "store", "verify")["faults"] == []
+
+
+@pytest.mark.usefixtures("plant")
+def test_monitor_takes_the_store_of_the_environment_for_the_name_of_an_axis(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stored = printed(capsys, "monitor", "bench", "--store", "plant")
+    assert printed(capsys, "monitor", "bench") == stored
+    runs = sorted(map(str, Path().glob("run*.json")))
+    assert printed(capsys, "monitor", *runs[:3], "--model", "model.json") != stored
+    monkeypatch.delenv("BALLSCREW_STORE")
+    assert run(["monitor", "bench"]) == 2
+    assert "needs --store or BALLSCREW_STORE" in capsys.readouterr().err
+    assert run(["monitor", "--help"]) == 0
+    assert "BALLSCREW_STORE" in capsys.readouterr().out
+
+
+@pytest.mark.usefixtures("plant")
+def test_corrections_conflicts_and_provenance_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    replace(RUNS[0], cells=RUNS[0].cells[1:]).write("other.json")
+    assert run(["store", "add", "other.json"]) == 2
+    corrected = printed(
+        capsys, "store", "correct", RUNS[2].id, "--measured-at", "2026-01-08T08:00Z", "--reason", "why"
+    )
+    assert run(["store", "show", "bench"]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert f"measured_at of the run {RUNS[2].id}, which is now" in shown
+    assert "(why, " in shown
+    assert f"another result of the run {RUNS[0].id} was refused" in shown
+    assert run(["store", "show", str(corrected["run"])[:12]]) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert f"Correction of the run {RUNS[2].id}" in shown
+    assert f"SHA-256 {RUNS[2].files[0].sha256}" in shown
+    assert "Result by joint, revision 1, ballscrew" in shown
+    assert printed(capsys, "store", "show", RUNS[2].id)["corrected_as"] == [corrected["run"]]
+
+
+@pytest.mark.usefixtures("plant")
+def test_a_result_that_is_not_stored_is_printed(plant: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (plant / "damaged.txt").write_text("a fault\n", encoding="utf-8")
+    assert run(["monitor", "bench"]) == 0
+    found = capsys.readouterr()
+    assert "alarm" in found.out
+    assert "The result is not stored" in found.err
 
 
 @pytest.mark.usefixtures("plant")

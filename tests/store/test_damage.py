@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import random
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from sqlalchemy import text
+from tests.monitoring.histories import at
 from tests.store.stored import RUNS, fill, imitate_analysis, write_recordings
 
 from ballscrew.base.errors import InputError
 from ballscrew.store.adding import add_run
+from ballscrew.store.opened import record
 from ballscrew.store.raw_files import path_of
 from ballscrew.store.store import Store
+from ballscrew.store.tables import Model
 
 
 @pytest.fixture
@@ -76,9 +80,32 @@ def test_a_damaged_store_is_read_and_not_written_until_it_is_repaired(with_files
         ("DELETE FROM cells WHERE result_id = 2 AND place = 3", "cells or recordings"),
         ("DELETE FROM recordings WHERE run_id = 2", "cells or recordings"),
         ("UPDATE axes SET assessment_id = 99", "the assessment or the model"),
+        ("DELETE FROM audit WHERE id = 3", "of the audit before its row 4 are missing"),
+        ("DELETE FROM audit WHERE id < 3", "of the audit before its row 3 are missing"),
+        ("DELETE FROM audit WHERE id > 3", "by the audit"),
+        ("DELETE FROM audit", "by the audit"),
+        ("DELETE FROM models WHERE digest = 'a second model'", "models has 1 rows"),
+        ("DELETE FROM events WHERE id = 2", "events has 1 rows"),
+        ("DELETE FROM conflicts", "conflicts has 0 rows"),
+        ("DELETE FROM corrections", "corrections has 0 rows"),
+        ("DELETE FROM exclusions", "exclusions has 0 rows"),
+        ("DELETE FROM alarms", "alarms has 0 rows"),
+        ("DELETE FROM assessments WHERE id = 1", "assessments has"),
+        ("DELETE FROM sources", "sources has 0 rows"),
+        ("DELETE FROM files", "has no row"),
+        ("DELETE FROM documents", "has no row"),
+        ("DELETE FROM states WHERE run_id = 3", "states of the runs of the axis bench are missing"),
     ],
 )
 def test_a_changed_row_is_found(with_files: Store, change: str, fault: str) -> None:
+    with with_files.write("test") as session:
+        session.add(Model(digest="a second model", axis_id=1, document=b"", added_at=""))
+        record(session, "add", "model a second model")
+    with pytest.raises(InputError, match="another result"):
+        add_run(with_files, replace(RUNS[0], cells=RUNS[0].cells[1:]))
+    with_files.correct(RUNS[1].id, measured_at=at(4.0), reason="clock")
+    with_files.exclude(RUNS[2].id, reason="sensor")
+    assert with_files.verify(with_files.path).faults == ()
     with with_files.engine(writing=True).begin() as connection:
         connection.execute(text(change))
     assert fault in " ".join(with_files.verify(with_files.path).faults)

@@ -190,3 +190,30 @@ def test_the_folders_of_a_new_store_are_durable(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(raw_files, "sync_folder", synced.append)
     Store.init(tmp_path / "a" / "b")
     assert synced[:2] == [tmp_path / "a", tmp_path]
+
+
+def test_what_was_read_while_another_process_wrote_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the right to write in the folder, and so without a lock."""
+    Store.init(tmp_path / "a")
+    store = Store(tmp_path / "a")
+    fill(store, RUNS[:3])
+    store.monitor("bench")
+    for name in ("store.sqlite-wal", "store.sqlite-shm"):
+        assert not (tmp_path / "a" / name).exists()
+    monkeypatch.setattr(database.os, "access", lambda *_: False)
+    assert count(store, RunRow) == 3
+
+    def read_and_write() -> None:
+        with store.read() as session:
+            session.connection()
+            monkeypatch.undo()
+            add_run(Store(store.path), RUNS[3])
+            monkeypatch.setattr(database.os, "access", lambda *_: False)
+
+    with pytest.raises(InputError, match="was written while it was read; try again"):
+        read_and_write()
+    assert count(store, RunRow) == 4
+    backup = Store(tmp_path / "a").backup(tmp_path / "b")
+    assert database._mode(backup / "store.sqlite") == "ro"  # which has locks

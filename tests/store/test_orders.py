@@ -33,6 +33,8 @@ class Orders(RuleBasedStateMachine):
         self.store: Store = self.new_store()
         self.runs: dict[int, Run] = {}
         self.corrected: dict[int, Run] = {}
+        self.first: set[int] = set()
+        self.others: set[int] = set()
         self.excluded: set[int] = set()
         self.events: set[int] = set()
         self.excluded_events: set[int] = set()
@@ -60,10 +62,22 @@ class Orders(RuleBasedStateMachine):
     def correct(self, number: int) -> None:
         if number not in self.runs:
             return
-        self.corrected[number] = amend(RUNS[number], measured_at=at(100.0 + number))
-        assert (
-            self.store.correct(RUNS[number].id, measured_at=at(100.0 + number)) == self.corrected[number].id
-        )
+        correction = amend(RUNS[number], measured_at=at(100.0 + number))
+        if self.corrected.get(number, correction) != correction:
+            with pytest.raises(InputError, match="was corrected already"):
+                self.store.correct(RUNS[number].id, measured_at=at(100.0 + number))
+            return
+        self.corrected[number] = correction
+        self.first.add(number)
+        assert self.store.correct(RUNS[number].id, measured_at=at(100.0 + number)) == correction.id
+
+    @rule(number=NUMBERS)
+    def add_another_correction_as_a_file(self, number: int) -> None:
+        other = amend(RUNS[number], measured_at=at(200.0 + number))
+        if number not in self.runs or not add_run(self.store, other).is_new:
+            return
+        self.others.add(number)
+        self.corrected[number] = other
 
     @rule(number=NUMBERS)
     def exclude(self, number: int) -> None:
@@ -109,7 +123,7 @@ class Orders(RuleBasedStateMachine):
         assert list(history.events) == events
 
     def teardown(self) -> None:
-        assert count(self.store, RunRow) == len(self.runs) + len(self.corrected)
+        assert count(self.store, RunRow) == len(self.runs) + len(self.first) + len(self.others)
         assert count(self.store, Conflict) == len(self.conflicts)
         assert self.store.verify(self.store.path).faults == ()
 

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import json
 import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
+from sqlalchemy import select
+from tests.monitoring.histories import at
 from tests.store.conftest import NewStore
 from tests.store.stored import RUNS, count, fill, imitate_analysis, text_of, write_recordings
 
+from ballscrew._version import __version__
 from ballscrew.base.errors import InputError
+from ballscrew.modal.amend import amend
+from ballscrew.modal.run import Run
 from ballscrew.store import adding, raw_files
 from ballscrew.store.adding import add_run
+from ballscrew.store.folder import DataFolder
 from ballscrew.store.raw_files import path_of, put_file, read_blocks
 from ballscrew.store.store import Store
-from ballscrew.store.tables import RawFile, ResultRow, RunRow
+from ballscrew.store.tables import Audit, RawFile, ResultRow, RunRow
 
 
 def test_the_same_recordings_are_analysed_once(
@@ -92,6 +100,81 @@ def test_a_new_revision_is_beside_the_old_until_the_axis_is_switched(
     assert new in {run.reading.run for run in switched.state.runs}
     assert text_of(switched) != before
     assert store.verify(store.path).faults == ()
+
+
+def test_two_corrections_of_a_run_are_reprocessed_and_the_choice_of_the_method_is_in_the_audit(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imitate_analysis(monkeypatch)
+    run = store.add(write_recordings(tmp_path / "run", 1.0)).subject
+    exported = next(store.export("bench", tmp_path / "exported").glob("runs/*.json"))
+    for day in (2.0, 3.0):
+        add_run(store, amend(Run.read(exported), measured_at=at(day)))
+    monkeypatch.setattr(adding, "METHOD_REVISION", 2)
+    (axis,) = store.reprocess()["axes"]
+    assert axis["missing"] == 0
+    assert len(store.show(run)["corrected_as"]) == 2
+    assert store.verify(store.path).faults == ()
+    with store.read() as session:
+        (row,) = session.scalars(select(Audit).where(Audit.action == "choose"))
+    assert (row.subject, row.detail["revision"]) == ("axis bench", 1)
+
+
+@pytest.mark.parametrize("action", ["add", "archive"])
+def test_files_are_durable_before_the_lock_is_taken(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, action: str
+) -> None:
+    imitate_analysis(monkeypatch)
+    path = write_recordings(tmp_path / "run", 1.0)
+    fsyncs: list[bool] = []
+
+    def note(*_: object) -> None:
+        fsyncs.append(DataFolder(store.path)._holder() == {})
+
+    if action == "archive":
+        store.add(path)
+    monkeypatch.setattr(raw_files.os, "fsync", note)
+    if action == "archive":
+        assert store.archive("bench", tmp_path / "archived", newest=0)["files"] == 2
+    else:
+        store.add(path)
+    assert len(fsyncs) >= 2
+    assert all(fsyncs)
+    assert store.verify(store.path).faults == ()
+
+
+def test_a_file_that_was_removed_before_its_row_was_there_is_stored_again(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imitate_analysis(monkeypatch)
+
+    def remove_and_insert(*arguments: Any) -> object:
+        for each in store.folder.files.rglob("*"):
+            if each.is_file():
+                each.unlink()  # as gc does
+        return insert_run(*arguments)
+
+    insert_run = adding.insert_run
+    monkeypatch.setattr(adding, "insert_run", remove_and_insert)
+    store.add(write_recordings(tmp_path / "run", 1.0))
+    assert store.verify(store.path).faults == ()
+
+
+def test_a_recording_is_shown_with_its_reader(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imitate_analysis(monkeypatch)
+    path = write_recordings(tmp_path / "run", 1.0, files=1)
+    (tmp_path / "run" / "trip0.bin").write_text("time,a\n" + "".join(f"{n / 100},{n}\n" for n in range(200)))
+    run = store.add(path).subject
+    corrected = store.correct(run, measured_at=at(2.0), reason="clock")
+    for each in (run, corrected):
+        (file,) = store.show(each)["recordings"]
+        assert (file["reader"], file["stored"]) == (f"text, ballscrew {__version__}", True)
+    folder = store.export("bench", tmp_path / "exported")
+    provenance = json.loads((folder / "provenance.json").read_text())
+    assert [each["run"] for each in provenance["runs"]] == [corrected]
+    assert provenance["runs"][0]["recordings"] == [file]
 
 
 def test_an_axis_with_runs_without_raw_files_is_not_switched(

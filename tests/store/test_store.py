@@ -13,12 +13,14 @@ from tests.store.stored import EVENTS, MODEL, RUNS, count, fill, text_of
 
 import ballscrew
 from ballscrew.base.errors import InputError
+from ballscrew.base.provenance import digest
+from ballscrew.calibration.modelfile import model_json
 from ballscrew.modal.amend import amend
 from ballscrew.monitoring.epochs import Event
 from ballscrew.store.adding import add_events, add_model, add_run
 from ballscrew.store.histories import read_stored_history
 from ballscrew.store.store import Store
-from ballscrew.store.tables import AlarmRow, Audit, Conflict, Correction, RunRow
+from ballscrew.store.tables import AlarmRow, Audit, Conflict, Correction, RunRow, StateRow
 
 
 def test_monitor_of_a_store_is_that_of_its_files(store: Store) -> None:
@@ -112,6 +114,117 @@ def test_a_corrected_run_counts_with_its_new_time_and_the_old_one_stays(store: S
         store.correct(RUNS[5].id, measured_at=at(16.0))
     store.exclude(RUNS[5].id, reason="the old version")
     assert new not in {run.reading.run for run in store.monitor("bench").monitored.state.runs}
+
+
+def test_of_two_corrections_as_files_the_one_added_last_counts(store: Store) -> None:
+    fill(store)
+    one, other = (amend(RUNS[5], measured_at=at(day)) for day in (15.5, 16.5))
+    assert add_run(store, one).notes == ()
+    assert "was corrected before" in add_run(store, other).notes[0]
+    expected = [*RUNS[:5], *RUNS[6:], other]
+    assert text_of(store.monitor("bench").monitored) == text_of(
+        ballscrew.monitor(expected, MODEL, events=EVENTS)
+    )
+    counting = {run["run"]: run["counts"] for run in store.show("bench")["runs"]}
+    assert [counting[run.id] for run in (RUNS[5], one, other)] == [False, False, True]
+    with pytest.raises(InputError, match=f"correct the run '{other.id[:12]}'"):
+        store.correct(one.id, measured_at=at(17.5))
+    third = store.correct(other.id, measured_at=at(15.5), reason="the first was right")
+    assert third in {run.reading.run for run in store.monitor("bench").monitored.state.runs}
+
+
+def test_runs_that_share_a_recording_are_listed_with_what_to_do(store: Store) -> None:
+    fill(store)
+    once = amend(RUNS[5], measured_at=at(15.5))
+    twice = amend(once, measured_at=at(16.5))
+    files = (replace(RUNS[0].files[0], name="a.h5", sha256="ab" * 32),)
+    add_run(store, replace(RUNS[5], id="another", files=files, measured_at=at(50.0)))
+    unlinked = replace(twice, files=files)  # the correction in between is not in the store
+    add_run(store, unlinked)
+    with pytest.raises(InputError, match=r"the same recording, 'a\.h5', .*\('ballscrew store exclude'\)"):
+        store.monitor("bench")
+    (pair,) = store.show("bench")["shared_recordings"]
+    assert pair == {"runs": [twice.id, "another"], "recording": "a.h5"}
+    store.exclude("another", reason="the recordings of another run")
+    assert twice.id in {run.reading.run for run in store.monitor("bench").monitored.state.runs}
+    assert store.show("bench")["shared_recordings"] == []
+
+
+def test_conflicts_and_corrections_are_shown(store: Store) -> None:
+    fill(store)
+    for other in (replace(RUNS[0], cells=RUNS[0].cells[1:]), replace(RUNS[1], mass_kg=50.0)):
+        with pytest.raises(InputError, match="'ballscrew store show' lists"):
+            add_run(store, other)
+    new = store.correct(RUNS[5].id, measured_at=at(15.5), reason="wrong clock")
+    as_file = amend(RUNS[6], measured_at=at(18.5))
+    add_run(store, as_file)
+    shown = store.show("bench")
+    assert [(row["run"], row["differs"]) for row in shown["conflicts"]] == [
+        (RUNS[0].id, ["result"]), (RUNS[1].id, ["mass_kg"])
+    ]  # fmt: skip
+    corrections = [
+        [row[key] for key in ("run", "supersedes", "old", "reason")] for row in shown["corrections"]
+    ]
+    assert corrections == [
+        [new, RUNS[5].id, RUNS[5].measured_at, "wrong clock"],
+        [as_file.id, RUNS[6].id, RUNS[6].measured_at, ""],
+    ]  # fmt: skip
+
+
+def test_a_run_is_shown_with_what_its_numbers_come_from(store: Store) -> None:
+    fill(store)
+    new = store.correct(RUNS[5].id, measured_at=at(15.5), reason="wrong clock")
+    store.monitor("bench")
+    document = store.show(new[:12])
+    (result,) = document["results"]
+    assert (document["run"], document["supersedes"], document["counts"]) == (new, RUNS[5].id, True)
+    assert [file["sha256"] for file in document["recordings"]] == [file.sha256 for file in RUNS[5].files]
+    assert (result["method"], result["revision"], result["version"]) == ("joint", 1, RUNS[5].made.version)
+    assert result["settings"] == RUNS[5].made.settings
+    assert result["history"] is True
+    assert document["state"]["reference"] == RUNS[0].id
+    assert document["state"]["model_digest"] == digest(model_json(MODEL))
+    assert store.show(RUNS[5].id)["corrected_as"] == [new]
+
+
+@pytest.mark.parametrize("name", ["", " ", "\u2003", "X\naxis", "X\x1b[2J", "X\udcff", "X\0axis"])
+def test_a_blank_name_and_control_characters_are_refused(store: Store, name: str) -> None:
+    with pytest.raises(InputError, match=r"must not be blank|control characters|names no axis"):
+        add_run(store, replace(RUNS[0], axis=name))
+    with pytest.raises(InputError, match=r"must not be blank|control characters|is not valid Unicode"):
+        add_events(store, EVENTS, name)
+    with pytest.raises(InputError, match=r"must not be blank|control characters"):
+        add_run(store, replace(RUNS[0], id=name))
+    assert store.list()["axes"] == []
+
+
+@pytest.mark.parametrize("text", ["with \0", "with \udcff"])
+def test_a_text_that_a_database_cannot_store_is_refused(store: Store, text: str) -> None:
+    fill(store, RUNS[:1])
+    for action in (
+        lambda: store.exclude(RUNS[0].id, reason=text),
+        lambda: store.correct(RUNS[0].id, measured_at=at(1.0), reason=text),
+        lambda: store.choose_model("bench", "a", reason=text),
+        lambda: add_events(store, (Event(at(1.0), "note", text),), "bench"),
+    ):
+        with pytest.raises(InputError, match="must be valid Unicode without NUL"):
+            action()
+    with pytest.raises(InputError, match=r"the text .*udcff.* is not valid Unicode"):
+        store.show("with \udcff")
+
+
+def test_a_store_that_can_only_be_read_is_assessed_and_nothing_is_stored(store: Store) -> None:
+    fill(store)
+    store.folder.mark_damaged(["test"])
+    found = store.monitor("bench")
+    assert text_of(found.monitored) == text_of(ballscrew.monitor(RUNS, MODEL, events=EVENTS))
+    assert "The result is not stored: " in found.notes[0]
+    assert "damaged and only read" in found.notes[0]
+    assert count(store, StateRow) == 0
+    store.folder.mark_damaged([])
+    with store.folder.locked("ballscrew serve", serving=True):
+        assert "in use by ballscrew serve" in store.monitor("bench").notes[0]
+    assert store.monitor("bench").notes == ()
 
 
 def test_a_second_model_is_used_once_it_is_chosen(store: Store) -> None:

@@ -40,6 +40,7 @@ from ballscrew.store.tables import (
 
 _ATTEMPTS = 5  # runs may be added meanwhile
 _REASONS = 10  # of an assessment that are stored
+_DIGITS_OF_AN_END = 4  # of the interval of a nut
 
 
 @dataclass(frozen=True)
@@ -171,7 +172,9 @@ def _store(
 def _assessment(
     history: StoredHistory, monitored: Monitored, inputs: str, stated: dict[str, Any]
 ) -> Assessment:
-    state, document = monitored.state, monitored.to_json()
+    state, quantiles = monitored.state, {}
+    if monitored.prognosis is not None:
+        quantiles = monitored.prognosis.to_json()["rul_days"]["quantiles"]
     stiffness = None
     if state.assessed is not None:
         stiffness = _numbers(state.assessed.stiffness)
@@ -190,7 +193,7 @@ def _assessment(
         verdict=state.verdict,
         alarm_at=state.alarm_at,
         stiffness=stiffness,
-        rul_days=document["rul_days"]["quantiles"],
+        rul_days=quantiles,
         reasons=list(state.reasons[:_REASONS]) or None,
     )
 
@@ -244,6 +247,8 @@ def _state_rows(state: HealthState, axis: int, numbers: dict[str, int]) -> list[
     for run in state.runs:
         reading = run.reading
         nut, low, high = _numbers(run.relative) or (None, None, None)
+        # The noise, which is estimated anew by each run, changes further digits of all ends.
+        low, high = plain([low, high], _DIGITS_OF_AN_END)
         row = {
             "run_id": numbers[reading.run],
             "axis_id": axis,

@@ -104,6 +104,7 @@ def insert_run(session: Session, run: Run, revision: int) -> Added:
     if run.axis is None:
         raise InputError(f"{run.name}: names no axis; analyse it with a data sheet (--axis).")
     check_key("the run's id", run.id)
+    check_key("the name of the axis", str(run.axis))
     run = Run.from_json(run.to_json(), run.name)  # nine digits, as RUN.json has them
     row = session.scalar(select(RunRow).where(RunRow.run == run.id))
     content = pack(run.to_json())
@@ -179,7 +180,6 @@ def _insert_run_row(session: Session, run: Run, axis: Axis) -> RunRow:
     session.flush()
     for place, file in enumerate(run.files):
         check_key("the hash of a recording", file.sha256)
-        check_text("the name of a recording", file.name)
         session.add(RecordingRow(run_id=row.id, place=place, name=file.name, sha256=file.sha256))
     return row
 

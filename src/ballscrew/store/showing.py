@@ -214,7 +214,25 @@ def show_run(store: OpenStore, beginning: str) -> dict[str, Any]:
 
 
 def show(store: OpenStore, subject: str) -> dict[str, Any]:
-    """An axis by its name, or a run by its id or its beginning; see :func:`show_axis`, :func:`show_run`."""
+    """An axis by its name, or a run by its id.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+    subject : str
+        Name of the axis; id of the run, or its beginning.
+
+    Returns
+    -------
+    dict
+        As by :func:`show_axis` or :func:`show_run`.
+
+    Raises
+    ------
+    InputError
+        If there is neither, or more than one run.
+    """
     with store.read() as session:
         is_axis = session.scalar(select(Axis.id).where(Axis.name == subject)) is not None
         matches = RunRow.run.startswith(subject, autoescape=True)

@@ -40,8 +40,7 @@ class Store(opened.OpenStore):
     init = staticmethod(opened.create_store)
     add = adding.add
     list = reading.list_axes
-    show = showing.show_axis
-    show_run = showing.show_run
+    show = showing.show
     monitor = assessing.monitor_axis
     correct = changing.correct_run
     choose_model = changing.choose_model
