@@ -91,8 +91,7 @@ def monitor_command(  # noqa: PLR0913  as many as options
         "duty": parse_duty(duty),
         "accept": accept,
     }
-    if store is None and model is None and events is None:
-        store = _default_store(given)
+    store = store or _default_store(given, model, events)
     if store is None:
         monitored, runs = _monitor_files(given, model, events, **stated)
     elif model is not None or events is not None or len(given) != 1:
@@ -113,10 +112,11 @@ def monitor_command(  # noqa: PLR0913  as many as options
     return health_status(monitored.state, status) if exit_code else status
 
 
-def _default_store(given: Sequence[str]) -> Path | None:
+def _default_store(given: Sequence[str], model: Path | None, events: Path | None) -> Path | None:
     """Store of the environment, where the name of an axis is given and no file."""
     folder = os.environ.get("BALLSCREW_STORE")
-    if len(given) != 1 or Path(given[0]).is_file() or not folder:
+    of_files = model is not None or events is not None or len(given) != 1 or Path(given[0]).is_file()
+    if of_files or not folder:
         return None
     return Path(folder)
 

@@ -188,15 +188,21 @@ def _print_axis(document: dict[str, Any]) -> None:
         if row["ended_at"] is None:
             what = f"run {row['run'][:12]}" if row["run"] else f"event {row['event'][:12]}"
             screen.print(printable(f"Excluded {what}: {row['reason']} ({row['actor']})"), markup=False)
+    for line in _changes(document):
+        screen.print(printable(line), markup=False)
+
+
+def _changes(document: dict[str, Any]) -> Iterator[str]:
+    """Sentences on corrections and conflicts."""
     counting = {run["run"] for run in document["runs"] if run["counts"]}
     for row in document["corrections"]:
-        screen.print(printable(_correction(row, counting)), markup=False)
+        yield _correction(row, counting)
     for row in document["conflicts"]:
-        screen.print(printable(_conflict(row)), markup=False)
+        yield _conflict(row)
     for pair in document["shared_recordings"]:
         first, second = (run[:12] for run in pair["runs"])
         text = f"Conflict: the runs {first} and {second} are made of the same recording, {pair['recording']}"
-        screen.print(printable(f"{text}: exclude one of them ('ballscrew store exclude')."), markup=False)
+        yield f"{text}: exclude one of them ('ballscrew store exclude')."
 
 
 def _correction(row: dict[str, Any], counting: Container[str]) -> str:
@@ -234,17 +240,7 @@ def _provenance(document: dict[str, Any]) -> Iterator[str]:
         yield f"Correction of the run {document['supersedes']}"
     for run in document["corrected_as"]:
         yield f"Corrected as the run {run}"
-    for file in document["recordings"]:
-        yield f"Recording {file['name']}: SHA-256 {file['sha256']}"
-        place = "in the store" if file["stored"] else file["archived_to"] or "not in the store"
-        yield f"  reader {file['reader'] or 'not stated'}; {place}"
-    for kind, key in sorted(document["documents"].items()):
-        yield f"{kind}: digest {key}"
-    for result in document["results"]:
-        text = f"Result by {result['method']}, revision {result['revision']}, ballscrew {result['version']}"
-        history = ", part of the history" if result["history"] else ""
-        yield f"{text}: {result['quality']}{history}; digest {result['digest']}"
-        yield f"  settings {json.dumps(result['settings'], sort_keys=True)}"
+    yield from _origins(document)
     state = document["state"]
     if state is not None:
         epoch = f"epoch {state['epoch']} from {state['begins'] or 'the first run'}"
@@ -262,6 +258,21 @@ def _headline(document: dict[str, Any]) -> str:
         before = f"{document['last_state']} {newest}"
         return f"{axis}: {state} since its history has changed ('ballscrew monitor'); {before}"
     return f"{axis}: {state}, {newest}"
+
+
+def _origins(document: dict[str, Any]) -> Iterator[str]:
+    """Lines on the recordings, documents and results of a run."""
+    for file in document["recordings"]:
+        yield f"Recording {file['name']}: SHA-256 {file['sha256']}"
+        place = "in the store" if file["stored"] else file["archived_to"] or "not in the store"
+        yield f"  reader {file['reader'] or 'not stated'}; {place}"
+    for kind, key in sorted(document["documents"].items()):
+        yield f"{kind}: digest {key}"
+    for result in document["results"]:
+        text = f"Result by {result['method']}, revision {result['revision']}, ballscrew {result['version']}"
+        history = ", part of the history" if result["history"] else ""
+        yield f"{text}: {result['quality']}{history}; digest {result['digest']}"
+        yield f"  settings {json.dumps(result['settings'], sort_keys=True)}"
 
 
 def _runs(runs: Sequence[dict[str, Any]]) -> Table:

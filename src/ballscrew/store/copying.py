@@ -234,19 +234,13 @@ def archive(store: OpenStore, axis: str, to: str | Path, *, newest: int = 30) ->
     except OSError as error:
         raise InputError(f"{target}: cannot be created ({error.strerror or error}).") from None
     moved, size = [], 0
-    with store.read() as session:
-        files = [
-            (row.sha256, row.compression) for row in _dispensable(session, find_axis(session, axis), newest)
-        ]
-    for sha256, compression in files:  # durable before the lock is taken: others write meanwhile
-        clone_file(path_of(store.folder.files, sha256, compression), target, sha256, compression)
+    files = _clone_files(store, axis, target, newest)
     with store.write("store archive") as session:
         for row in _dispensable(session, find_axis(session, axis), newest):
-            if (row.sha256, row.compression) not in files:
-                continue
-            row.archived_to = str(target.resolve())
-            moved.append((row.sha256, row.compression))
-            size += row.stored_size
+            if (row.sha256, row.compression) in files:
+                row.archived_to = str(target.resolve())
+                moved.append((row.sha256, row.compression))
+                size += row.stored_size
         if moved:
             record(session, "archive", f"axis {axis}", to=str(target), files=[file[0] for file in moved])
     with store.write("store archive") as session:  # what is left here by a kill, gc removes
@@ -254,6 +248,16 @@ def archive(store: OpenStore, axis: str, to: str | Path, *, newest: int = 30) ->
             if session.get_one(RawFile, sha256).archived_to is not None:  # it was not added again
                 path_of(store.folder.files, sha256, compression).unlink(missing_ok=True)
     return {"schema": SCHEMA, "axis": axis, "to": str(target), "files": len(moved), "bytes": size}
+
+
+def _clone_files(store: OpenStore, axis: str, target: Path, newest: int) -> set[tuple[str, str]]:
+    """Copy the raw files that are to be moved, durably, before the lock is taken: others write meanwhile."""
+    with store.read() as session:
+        rows = _dispensable(session, find_axis(session, axis), newest)
+        files = {(row.sha256, row.compression) for row in rows}
+    for sha256, compression in sorted(files):
+        clone_file(path_of(store.folder.files, sha256, compression), target, sha256, compression)
+    return files
 
 
 def _dispensable(session: Session, axis: Axis, newest: int) -> list[RawFile]:

@@ -109,14 +109,7 @@ def read_stored_history(
     usable = [row for row in timed if row.id in checksums]
     if method is None or not usable:
         raise InputError(f"the store has no run of the axis {shown(name)} with a time.")
-    shared = shared_recordings(session, axis, usable)
-    if shared:
-        one, other, recording = shared[0]
-        raise InputError(
-            f"the runs {one[:12]} and {other[:12]} of the axis {shown(name)} are made of the same "
-            f"recording, {shown(recording)}, which would count twice: exclude one of them ('ballscrew store "
-            f"exclude'); 'ballscrew store show' lists all {len(shared)} such pairs."
-        )
+    _check_recordings(session, axis, usable)
     events = current_events(session, axis)
     prefixes = _prefixes(usable, checksums, events, model.digest, settings)
     checkpoint, start = _newest_checkpoint(session, axis, usable, prefixes)
@@ -139,6 +132,18 @@ def read_stored_history(
         missing=len(timed) - len(usable),
         untimed=len(current) - len(timed),
     )
+
+
+def _check_recordings(session: Session, axis: Axis, rows: Sequence[Any]) -> None:
+    """Check that no recording counts twice."""
+    shared = shared_recordings(session, axis, rows)
+    if shared:
+        earlier, later, recording = shared[0]
+        raise InputError(
+            f"the runs {earlier[:12]} and {later[:12]} of the axis {shown(axis.name)} are made of the same "
+            f"recording, {shown(recording)}, which would count twice: exclude one of them ('ballscrew store "
+            f"exclude'); 'ballscrew store show' lists all {len(shared)} such pairs."
+        )
 
 
 def _prefixes(

@@ -134,25 +134,28 @@ def current_rows(session: Session, axis: Axis, rows: Sequence[Any] | None = None
     """Rows of the runs of an axis in time order, without those that were corrected or excluded."""
     if rows is None:
         rows = run_rows(session, axis.id)
-    excluded = set(
-        session.scalars(
-            select(RunRow.run)
-            .join(Exclusion, Exclusion.run_id == RunRow.id)
-            .where(RunRow.axis_id == axis.id, Exclusion.ended_at.is_(None))
-        )
+    excluded = session.scalars(
+        select(RunRow.run)
+        .join(Exclusion, Exclusion.run_id == RunRow.id)
+        .where(RunRow.axis_id == axis.id, Exclusion.ended_at.is_(None))
     )
     former = {row.run: row.supersedes for row in rows}
-    superseded = set(former.values())
-    newest: dict[str, Any] = {}
-    for row in rows:
-        first = _first_version(row.run, former)
-        # Of several corrections of a run, the one that was added last counts.
-        if row.run not in superseded and (first not in newest or row.id > newest[first].id):
-            newest[first] = row
+    newest = _newest_versions(rows, former)
     for run in excluded:  # an exclusion of any version of a run is one of the run
         newest.pop(_first_version(run, former), None)
     counting = {row.id for row in newest.values()}
     return [row for row in rows if row.id in counting]
+
+
+def _newest_versions(rows: Sequence[Any], former: Mapping[str, str | None]) -> dict[str, Any]:
+    """Row of each run by the id of its first version: of several corrections the one that was added last."""
+    superseded = set(former.values())
+    newest: dict[str, Any] = {}
+    for row in rows:
+        first = _first_version(row.run, former)
+        if row.run not in superseded and (first not in newest or row.id > newest[first].id):
+            newest[first] = row
+    return newest
 
 
 def _first_version(run: str, former: Mapping[str, str | None]) -> str:

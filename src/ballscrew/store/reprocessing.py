@@ -116,13 +116,7 @@ def reprocess(
     with store.write("reprocess") as session:
         names = list(axes) or list(session.scalars(select(Axis.name).order_by(Axis.name)))
         for name in names:  # the history stays, however many new results there are
-            axis = find_axis(session, name)
-            method_now = find_method(session, axis)
-            if method_now is not None and axis.method_id is None:
-                axis.method_id = method_now.id
-                record(
-                    session, "choose", f"axis {name}", method=method_now.name, revision=method_now.revision
-                )
+            _choose_method(session, find_axis(session, name))
         tasks, failures = _tasks(session, store, names, options)
     for done, (task, result) in enumerate(_results(tasks, workers), 1):
         if isinstance(result, str):
@@ -139,6 +133,14 @@ def reprocess(
             switch_axis(store, document["axis"], options)
             document["switched"] = True
     return {"schema": SCHEMA, "analyzed": len(tasks) - len(failures), "failures": failures, "axes": compared}
+
+
+def _choose_method(session: Session, axis: Axis) -> None:
+    """Choose the method of the history of an axis, where none was chosen."""
+    method = find_method(session, axis)
+    if method is not None and axis.method_id is None:
+        axis.method_id = method.id
+        record(session, "choose", f"axis {axis.name}", method=method.name, revision=method.revision)
 
 
 def _find_target(session: Session, options: AnalysisOptions) -> Method | None:
