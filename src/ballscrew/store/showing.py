@@ -108,7 +108,7 @@ def _named(row: Any, *names: str) -> dict[str, Any]:
 def _runs_document(
     session: Session, axis: Axis, method: Method | None, states: Mapping[int, Any]
 ) -> list[dict[str, Any]]:
-    """Every run of an axis in time order, with what is known of it."""
+    """Every run of an axis in time order, with its verdict and state."""
     verdicts: dict[int, str] = {}
     if method is not None:
         results = (

@@ -180,7 +180,7 @@ class RunRow(Checked, Base):
 
 
 class Source(Checked, Base):
-    """RUN.toml of a run whose raw files are kept: what it states, and its documents."""
+    """RUN.toml of a run whose raw files are stored: what it states, and its documents."""
 
     __tablename__ = "sources"
     digest: Mapped[str] = mapped_column(primary_key=True)
@@ -201,7 +201,7 @@ class RawFile(Checked, Base):
 
 
 class RecordingRow(Base):
-    """A recording of a run; there is a raw file of this hash only where it is kept."""
+    """A recording of a run; there is a raw file of this hash only where it is stored."""
 
     __tablename__ = "recordings"
     run_id: Mapped[int] = mapped_column(ForeignKey("runs.id"), primary_key=True)
@@ -282,7 +282,7 @@ class Exclusion(Checked, Base):
 
 
 class Correction(Checked, Base):
-    """A value that was corrected: the old one is kept."""
+    """A value that was corrected, with the old one."""
 
     __tablename__ = "corrections"
     id: Mapped[int] = mapped_column(primary_key=True)
