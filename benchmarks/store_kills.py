@@ -35,7 +35,7 @@ from ballscrew.modal.cell import CellResult
 from ballscrew.modal.job import Job
 from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.quality.finding import Quality
-from ballscrew.store import adding, database, migrating, reprocessing
+from ballscrew.store import adding, analysing, database, migrating
 from ballscrew.store.adding import add, add_run
 from ballscrew.store.checking import gc, verify
 from ballscrew.store.copying import backup
@@ -242,7 +242,7 @@ def _run(identity: str, files: Any, measured_at: str | None, options: AnalysisOp
 
 def add_stand_ins() -> None:
     """Replace the analysis by one that takes no time."""
-    for module in (analyze, reprocessing):
+    for module in (analyze, analysing):
         setattr(module, "examine", imitate_analysis)  # noqa: B010  mypy
 
 

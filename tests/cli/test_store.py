@@ -155,6 +155,7 @@ def test_every_command_prints_a_sentence(capsys: pytest.CaptureFixture[str]) -> 
         ("monitor bench --store plant --model model.json", "with --store, give the name of one axis"),
         ("monitor run01.json", "no model of the axis is given (--model)"),
         ("reprocess nothing", "the store has no axis 'nothing'"),
+        ("reprocess --scheduler tcp://192.0.2.1:8786", "is on another computer"),
         ("store simulate-fleet --years 0", "50 years at most"),
     ],
 )

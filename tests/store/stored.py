@@ -75,5 +75,5 @@ def imitate_analysis(patched: pytest.MonkeyPatch, scale: float = 1.0) -> list[Jo
         return Analysis(run, (), None)
 
     patched.setattr("ballscrew.modal.analyze.examine", examine)
-    patched.setattr("ballscrew.store.reprocessing.examine", examine)
+    patched.setattr("ballscrew.store.analysing.examine", examine)
     return jobs

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from ballscrew.modal import analyze
-from ballscrew.store import database, migrating, reprocessing
+from ballscrew.store import analysing, database, migrating
 from benchmarks import store_kills
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 @pytest.fixture(autouse=True)
 def unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
     """The benchmark replaces these."""
-    for module in (analyze, reprocessing):
+    for module in (analyze, analysing):
         monkeypatch.setattr(module, "examine", module.examine)
 
 

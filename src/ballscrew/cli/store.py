@@ -414,13 +414,22 @@ def gc_store(store: OpenStore, *, dry_run: bool, as_json: bool) -> int:
 
 
 def reprocess_store(
-    store: OpenStore, axes: Sequence[str], *, method: str, workers: int, switch: bool, as_json: bool
+    store: OpenStore,
+    axes: Sequence[str],
+    *,
+    method: str,
+    workers: int,
+    scheduler: str | None,
+    switch: bool,
+    as_json: bool,
 ) -> int:
     """Analyse stored raw files again, and print the differences of each axis."""
     from ballscrew.store.reprocessing import reprocess
 
     with progress_bar("reprocess") as progress:
-        document = reprocess(store, axes, method=method, workers=workers, switch=switch, progress=progress)
+        document = reprocess(
+            store, axes, method=method, workers=workers, scheduler=scheduler, switch=switch, progress=progress
+        )
     for failure in document["failures"]:
         sys.stderr.write(f"ballscrew: {printable(failure)}\n")
     if as_json:

@@ -262,6 +262,13 @@ def reprocess(
     store: StoreFolder = None,
     method: Annotated[str, option("Method of the analysis, as for `analyze`.", "joint|paper")] = "joint",
     workers: Annotated[int, option("Processes that analyse.", "N", min=1)] = 1,
+    scheduler: Annotated[
+        str | None,
+        option(
+            "Dask scheduler whose workers analyse instead; on another computer, with TLS. [default: none]",
+            "tcp://127.0.0.1:PORT",
+        ),
+    ] = None,
     switch: Annotated[
         bool, flag("Make the new results the history of the axes, each as a whole.", "--switch")
     ] = False,
@@ -274,5 +281,11 @@ def reprocess(
     from ballscrew.cli.store import open_store, reprocess_store
 
     return reprocess_store(
-        open_store(store), axes or [], method=method, workers=workers, switch=switch, as_json=as_json
+        open_store(store),
+        axes or [],
+        method=method,
+        workers=workers,
+        scheduler=scheduler,
+        switch=switch,
+        as_json=as_json,
     )

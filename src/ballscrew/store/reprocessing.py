@@ -2,14 +2,7 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import tempfile
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
-from itertools import islice
-from pathlib import Path
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,15 +13,14 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.files import Progress, ignore_progress
 from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.base.provenance import digest
-from ballscrew.modal.analyze import AnalysisOptions, examine
-from ballscrew.modal.job import Job
+from ballscrew.modal.analyze import AnalysisOptions
 from ballscrew.modal.run import Run
 from ballscrew.store import adding
+from ballscrew.store.analysing import Task, analysed, check_scheduler
 from ballscrew.store.changing import amend_result
 from ballscrew.store.folder import actor, now
 from ballscrew.store.inserting import insert_run
 from ballscrew.store.opened import OpenStore, record
-from ballscrew.store.raw_files import materialised
 from ballscrew.store.reading import current_rows, find_axis, find_method
 from ballscrew.store.tables import (
     Axis,
@@ -41,35 +33,8 @@ from ballscrew.store.tables import (
     ResultRow,
     RunRow,
     Source,
+    unpack,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Task:
-    """One run to analyse, as plain data for a process.
-
-    Parameters
-    ----------
-    run : str
-        Id of the run.
-    folder : str
-        Folder of raw files.
-    files : tuple of (name, sha256, compression)
-        Its recordings in their order.
-    documents : dict of str to str
-        Text of each document by its kind.
-    stated : dict
-        Content of its RUN.toml.
-    method : str
-        Method of the analysis.
-    """
-
-    run: str
-    folder: str
-    files: tuple[tuple[str, str, str], ...]
-    documents: dict[str, str]
-    stated: dict[str, Any]
-    method: str
 
 
 def reprocess(
@@ -78,6 +43,7 @@ def reprocess(
     *,
     method: str = "joint",
     workers: int = 1,
+    scheduler: str | None = None,
     switch: bool = False,
     progress: Progress = ignore_progress,
 ) -> dict[str, Any]:
@@ -94,7 +60,10 @@ def reprocess(
     method : {"joint", "paper"}
         Method of the analysis.
     workers : int
-        Processes that analyse.
+        Processes of this computer that analyse.
+    scheduler : str, optional
+        Address of a Dask scheduler, whose workers analyse instead: on this computer, or ``tls://host:port``.
+        The workers need this version, and the store's folder of raw files under the same path.
     switch : bool
         Whether the histories consist of the new results from now on.
     progress : callable
@@ -108,21 +77,24 @@ def reprocess(
     Raises
     ------
     InputError
-        If there is no such axis, or an axis cannot be switched since runs have no new result.
+        If there is no such axis, an axis cannot be switched since runs have no new result, or the scheduler
+        cannot be used.
     """
     if workers < 1:
         raise InputError(f"the number of workers is {workers}; it must be 1 or more.")
+    if scheduler is not None:
+        check_scheduler(scheduler)
     options = AnalysisOptions(method=method)
     with store.write("reprocess") as session:
         names = list(axes) or list(session.scalars(select(Axis.name).order_by(Axis.name)))
         for name in names:  # the history stays, however many new results there are
             _choose_method(session, find_axis(session, name))
         tasks, failures = _tasks(session, store, names, options)
-    for done, (task, result) in enumerate(_results(tasks, workers), 1):
+    for done, (task, result) in enumerate(analysed(tasks, workers, scheduler), 1):
         if isinstance(result, str):
             failures.append(f"run {task.run[:12]}: {result}")
         else:
-            _insert(store, result)
+            _insert(store, unpack(result))
         progress(done, len(tasks), task.run[:12])
     with store.write("reprocess") as session:
         _amend_corrected(session, names, options)
@@ -182,7 +154,7 @@ def _tasks(
                 texts = {}
                 for kind, key in source.stated["documents"].items():
                     texts[kind] = session.get_one(Document, key).text
-                folder = str(store.folder.files)
+                folder = str(store.folder.files.resolve())
                 tasks.append(Task(run.run, folder, files, texts, source.stated, options.method))
     return tasks, failures
 
@@ -199,63 +171,6 @@ def _files(session: Session, run: RunRow, hashes: Sequence[str]) -> tuple[tuple[
             return None
         files.append((names[sha256], sha256, file.compression))
     return tuple(files)
-
-
-def analyse_task(task: Task) -> dict[str, Any] | str:
-    """Analyse a run in this process.
-
-    Parameters
-    ----------
-    task : Task
-        The run.
-
-    Returns
-    -------
-    dict or str
-        RUN.json, or the sentence why there is none.
-    """
-    try:
-        with (
-            tempfile.TemporaryDirectory(prefix="ballscrew-") as folder,
-            materialised(Path(task.folder), list(task.files)) as files,
-        ):
-            paths = {}
-            for kind, text in task.documents.items():
-                paths[kind] = Path(folder) / f"{kind}.toml"
-                paths[kind].write_text(text, encoding="utf-8")
-            channels, axis, plan = (paths.get(kind) for kind in ("channels", "axis", "plan"))
-            job = Job.of(files, channels, axis, plan, task.stated["mass_kg"], None, None)
-            stated = task.stated
-            job = replace(job, measured_at=stated["measured_at"], temperature=stated["temperature_C"])
-            run = examine(job, AnalysisOptions(method=task.method)).run
-    except InputError as error:
-        return str(error)
-    if run.id != task.run:
-        return f"the analysis gives another run, {run.id[:12]}"
-    return run.to_json()
-
-
-def _results(tasks: Sequence[Task], workers: int) -> Iterator[tuple[Task, dict[str, Any] | str]]:
-    """Results as they come; at most two tasks a worker are underway."""
-    if workers == 1:
-        for task in tasks:
-            yield task, analyse_task(task)
-        return
-    waiting = iter(tasks)
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
-        underway: dict[Future[dict[str, Any] | str], Task] = {}
-        for task in islice(waiting, 2 * workers):
-            underway[pool.submit(analyse_task, task)] = task
-        while underway:
-            finished, _ = wait(underway, return_when=FIRST_COMPLETED)
-            for future in finished:
-                task = underway.pop(future)
-                try:
-                    yield task, future.result()
-                except BrokenProcessPool:
-                    raise InputError("a worker was killed; run the same command again to go on.") from None
-                for following in islice(waiting, 1):
-                    underway[pool.submit(analyse_task, following)] = following
 
 
 def _insert(store: OpenStore, document: dict[str, Any]) -> None:
