@@ -1,6 +1,6 @@
 """Reprocessing of stored runs by Dask: time, efficiency, memory, and whether every byte is that without Dask.
 
-    python -m benchmarks.reprocessing [--runs 120] [--killed 24]
+    python -m benchmarks.reprocessing [--runs 120] [--killed 24] [--trips 3]
 
 The testbed makes four recordings of three round trips, and a store with as many runs as are wanted, each
 of one of them at another time. ``ballscrew reprocess`` then analyses copies of the store: without Dask, by
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -50,11 +51,11 @@ _FLEET = 10_000 * 365  # runs in a year
 _WEEK = 7 * 86400.0  # s
 
 
-def fill(folder: Path, runs: int) -> Path:
+def fill(folder: Path, runs: int, trips: int) -> Path:
     """A store with runs whose results are of an earlier revision."""
     folder.mkdir(exist_ok=True)
     store = create_store(folder / "store")
-    plan = replace(PLAN, repetitions=FEW)
+    plan = replace(PLAN, repetitions=trips)
     texts = []
     for number, part in enumerate(_PRELOADS):
         rig = Rig(Machine(AXIS, part * AXIS.nominal_preload))
@@ -122,7 +123,7 @@ class Cluster:
     def end(self) -> list[Spent]:
         """End them; what the scheduler and each worker took."""
         for process in self.processes:
-            process.kill()
+            os.kill(process.pid, signal.SIGKILL)  # not by Popen, which would wait for it
         return [_spent(process) for process in self.processes]
 
 
@@ -152,7 +153,7 @@ def by_workers(store: Path, workers: int, *, kill: bool = False) -> tuple[Spent,
                 assert process.poll() is None, "ended before the kill"
                 time.sleep(0.2)
             time.sleep(1.0)
-            cluster.processes[-1].kill()
+            os.kill(cluster.processes[-1].pid, signal.SIGKILL)
         spent = _spent(process, begin)
         assert process.returncode == 0, process.returncode
         return spent, cluster.end()
@@ -165,18 +166,20 @@ def main() -> None:
     )
     parser.add_argument("--runs", type=int, default=120)
     parser.add_argument("--killed", type=int, default=24, help="runs of the store whose worker is killed")
+    parser.add_argument("--trips", type=int, default=FEW, help="round trips of each run")
     given = parser.parse_args()
-    print(heading(f"python -m benchmarks.reprocessing --runs {given.runs} --killed {given.killed}") + "\n")
+    options = f"--runs {given.runs} --killed {given.killed} --trips {given.trips}"
+    print(heading(f"python -m benchmarks.reprocessing {options}") + "\n")
     folder = Path(tempfile.mkdtemp(prefix="ballscrew-reprocessing-"))
     try:
-        measure(folder, given.runs, given.killed)
+        measure(folder, given.runs, given.killed, given.trips)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def measure(folder: Path, runs: int, killed: int) -> None:
+def measure(folder: Path, runs: int, killed: int, trips: int) -> None:
     """Print the table and what follows from it."""
-    store = fill(folder, runs)
+    store = fill(folder, runs, trips)
     shutil.copytree(store, folder / "alone")
     process, begin = reprocess(folder / "alone")
     alone = _spent(process, begin)
@@ -195,7 +198,7 @@ def measure(folder: Path, runs: int, killed: int) -> None:
     load = ", ".join(f"{each:.1f}" for each in os.getloadavg())
     efficiency = one[0].clock / two[0].clock / 2
     print(f"\nThe same bytes each time. Efficiency of two workers: {efficiency:.2f}; load average {load}.")
-    copy = fill(folder / "kill", killed)
+    copy = fill(folder / "kill", killed, trips)
     shutil.copytree(copy, folder / "expected")
     process, begin = reprocess(folder / "expected")
     _spent(process, begin)

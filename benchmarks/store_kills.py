@@ -4,12 +4,14 @@
 reprocesses an axis, makes a backup, migrates the schema or removes orphans. After each kill the store is
 verified, what was acknowledged must be there, and the same action must then succeed without doubling
 anything. ``--database URL`` uses an empty database of PostgreSQL; ``--restart COMMAND`` restarts its server
-after each kill.
+after each kill. ``--full DIR`` lets the same actions fail on a small file system instead, which is filled up
+to a random rest before each.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import random
 import shutil
@@ -162,9 +164,7 @@ class Campaign:
 
     def numbers(self) -> tuple[int, ...]:
         """Numbers of runs, results and raw files."""
-        with self.store().read() as session:
-            tables = (RunRow, ResultRow, RawFile)
-            return tuple(int(session.scalar(select(func.count()).select_from(each)) or 0) for each in tables)
+        return count_rows(self.store())
 
 
 def migrated_copy(copy: Path, folder: Path) -> None:
@@ -268,7 +268,12 @@ def write_recordings(folder: Path, number: int, chance: random.Random) -> Path:
 
 
 def kill_all(
-    kills: int, *, url: str | None = None, seed: int = 0, restart: Callable[[], None] = lambda: None
+    kills: int,
+    *,
+    url: str | None = None,
+    seed: int = 0,
+    restart: Callable[[], None] = lambda: None,
+    seconds: float = math.inf,
 ) -> Counter[tuple[str, str]]:
     """Kill processes, and count what became of their actions.
 
@@ -282,6 +287,8 @@ def kill_all(
         Random seed.
     restart : callable
         Called after each kill.
+    seconds : float
+        Time after which no further process is killed.
 
     Returns
     -------
@@ -297,7 +304,8 @@ def kill_all(
     try:
         (folder / "0").mkdir()
         campaign = Campaign(folder / "0", url, chance, restart)
-        while sum(number for (_, outcome), number in outcomes.items() if outcome != "not killed") < kills:
+        end = time.monotonic() + seconds
+        while total_of(outcomes) < kills and time.monotonic() < end:
             kind = chance.choice(kinds)
             outcomes[kind, campaign.kill_once(kind)] += 1
             if (
@@ -315,6 +323,82 @@ def kill_all(
     return outcomes
 
 
+def total_of(outcomes: Counter[tuple[str, str]]) -> int:
+    """Number of kills."""
+    return sum(number for (_, outcome), number in outcomes.items() if outcome != "not killed")
+
+
+def fill_disk(disk: Path, times: int, *, seed: int = 0) -> Counter[tuple[str, str]]:
+    """Let actions fail on a full file system, and repeat each after there is space again.
+
+    Parameters
+    ----------
+    disk : Path
+        Folder of a small file system that is used for nothing else.
+    times : int
+        Number of actions.
+    seed : int
+        Random seed.
+
+    Returns
+    -------
+    Counter
+        By action and outcome. A broken promise raises ``AssertionError``.
+    """
+    add_stand_ins()
+    outcomes: Counter[tuple[str, str]] = Counter()
+    chance, revision = random.Random(seed), adding.METHOD_REVISION  # noqa: S311
+    store = disk / "store"
+    with tempfile.TemporaryDirectory(prefix="ballscrew-full-") as folder:
+        for number in range(times):
+            if number % 20 == 0:
+                shutil.rmtree(store, ignore_errors=True)
+                create_store(store)
+            outcomes[fill_once(store, Path(folder) / f"run{number}", number, chance)] += 1
+    adding.METHOD_REVISION = revision
+    return outcomes
+
+
+def fill_once(path: Path, recordings: Path, number: int, chance: random.Random) -> tuple[str, str]:
+    """Fill a file system up to a rest, act, make space and act again; the action and what became of it."""
+    store, copy, filler = OpenStore(path), path.parent / "backup", path.parent / "filler"
+    files = write_recordings(recordings, number, chance)
+    actions: dict[str, Callable[[], object]] = {
+        "add a result": lambda: add_run(store, made_run(10_000 + number)),
+        "add recordings": lambda: add(store, files),
+        "reprocess": lambda: reprocess(store),
+        "backup": lambda: backup(store, copy),
+    }
+    kind = chance.choice(list(actions))
+    adding.METHOD_REVISION += kind == "reprocess"
+    before = count_rows(store)
+    rest = chance.randrange(700_000)
+    filler.write_bytes(bytes(max(shutil.disk_usage(path).free - rest, 0)))
+    outcome = "complete"
+    try:
+        actions[kind]()
+    except InputError:
+        outcome = "refused with a sentence"
+        assert not copy.exists()
+    filler.unlink()
+    assert verify(path).faults == (), verify(path).faults
+    if outcome != "complete":
+        if kind != "reprocess":
+            assert count_rows(store) == before
+        actions[kind]()
+        assert verify(path).faults == ()
+    assert count_rows(store)[0] == before[0] + kind.startswith("add")
+    shutil.rmtree(copy, ignore_errors=True)
+    return kind, outcome
+
+
+def count_rows(store: OpenStore) -> tuple[int, ...]:
+    """Numbers of runs, results and raw files."""
+    with store.read() as session:
+        tables = (RunRow, ResultRow, RawFile)
+        return tuple(int(session.scalar(select(func.count()).select_from(each)) or 0) for each in tables)
+
+
 def main() -> None:
     """Kill, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -322,6 +406,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--database")
     parser.add_argument("--restart", help="shell command that restarts the server")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="stop after this time")
+    parser.add_argument("--full", type=Path, metavar="DIR", help="folder of a file system of 20 MB")
     given = parser.parse_args()
 
     def restart() -> None:
@@ -329,11 +415,16 @@ def main() -> None:
             subprocess.run(given.restart, shell=True, check=True)  # noqa: S602
             wait_for(given.database)
 
-    outcomes = kill_all(given.kills, url=given.database, seed=given.seed, restart=restart)
-    print("| action | outcome | kills |\n|---|---|---|")
+    if given.full:
+        outcomes = fill_disk(given.full, given.kills, seed=given.seed)
+    else:
+        outcomes = kill_all(
+            given.kills, url=given.database, seed=given.seed, restart=restart, seconds=60 * given.minutes
+        )
+    print("| action | outcome | times |\n|---|---|---|")
     for (kind, outcome), number in sorted(outcomes.items()):
         print(f"| {kind} | {outcome} | {number} |")
-    print("Nothing acknowledged was lost, and nothing doubled.")
+    print(f"{total_of(outcomes)} in all. Nothing acknowledged was lost, and nothing doubled.")
 
 
 def wait_for(url: str) -> None:

@@ -4,6 +4,8 @@
 them up to each of them in three ways: without whatever was not synced, neither content nor names; with all
 names, but without content that was not synced; and with everything, which is a kill. Each resulting folder
 must be a store without a fault, and after the last call contain what was acknowledged.
+
+``--flips N`` changes single bytes of a store's files instead, and counts what ``verify`` finds.
 """
 
 from __future__ import annotations
@@ -14,9 +16,11 @@ import os
 import random
 import re
 import shutil
+import sqlite3
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -297,6 +301,39 @@ def _check_disk(
         check(kind, to, acknowledged=acknowledged)
 
 
+def flip_bytes(folder: Path, flips: int, chance: random.Random) -> Counter[tuple[str, str]]:
+    """Change a byte at a random place, again and again; by kind of file, how many ``verify`` finds."""
+    prepare(folder)
+    path = folder / "store"
+    for number in range(200, 300):
+        add_run(OpenStore(path), made_run(number))
+    gc(OpenStore(path))
+    sqlite3.connect(path / "store.sqlite").execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    whole = _rows(path)
+    raw = [each for each in (path / "files").rglob("*") if each.is_file()]
+    outcomes: Counter[tuple[str, str]] = Counter()
+    for number in range(flips):
+        file = path / "store.sqlite" if number % 2 else chance.choice(raw)
+        content = file.read_bytes()
+        place = chance.randrange(len(content))
+        changed = bytes([content[place] ^ chance.randrange(1, 256)])
+        file.write_bytes(content[:place] + changed + content[place + 1 :])
+        outcome = "found"
+        if not verify(path).faults:
+            outcome = "in unused bytes" if number % 2 and _rows(path) == whole else "missed"
+        outcomes["database" if number % 2 else "raw file", outcome] += 1
+        file.write_bytes(content)
+        for rest in ("store.sqlite-wal", "store.sqlite-shm"):
+            (path / rest).unlink(missing_ok=True)
+    assert verify(path).faults == ()
+    return outcomes
+
+
+def _rows(path: Path) -> str:
+    """All that a database contains, as SQL."""
+    return "\n".join(sqlite3.connect(path / "store.sqlite").iterdump())
+
+
 def main() -> None:
     """Record, replay and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -304,7 +341,15 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--kinds", nargs="*", default=KINDS)
     parser.add_argument("--without-fsync", action="store_true", help="show that the check finds what is lost")
+    parser.add_argument("--flips", type=int, metavar="N", help="change bytes instead")
     given = parser.parse_args()
+    if given.flips:
+        with tempfile.TemporaryDirectory(prefix="ballscrew-flips-") as name:
+            outcomes = flip_bytes(Path(name), given.flips, random.Random(0))  # noqa: S311
+        print("| a byte of | outcome | times |\n|---|---|---|")
+        for (kind, outcome), number in sorted(outcomes.items()):
+            print(f"| {kind} | {outcome} | {number} |")
+        return
     if given.without_fsync:
         os.environ[_NO_FSYNC] = "1"
     if given.act:
