@@ -156,6 +156,7 @@ def test_every_command_prints_a_sentence(capsys: pytest.CaptureFixture[str]) -> 
         ("monitor run01.json", "no model of the axis is given (--model)"),
         ("reprocess nothing", "the store has no axis 'nothing'"),
         ("reprocess --scheduler tcp://192.0.2.1:8786", "is on another computer"),
+        ("reprocess --scheduler tcp://127.0.0.1:1 --workers 2", "give --scheduler or --workers"),
         ("store simulate-fleet --years 0", "50 years at most"),
     ],
 )

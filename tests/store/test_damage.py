@@ -135,6 +135,16 @@ def test_flipped_bytes_of_the_database_are_found_or_change_nothing(tmp_path: Pat
     assert store.verify(store.path).faults == ()
 
 
+def test_a_damaged_column_that_cannot_be_read_is_a_fault(tmp_path: Path) -> None:
+    Store.init(tmp_path / "a")
+    store = Store(tmp_path / "a")
+    add_run(store, RUNS[0])
+    with sqlite3.connect(store.folder.sqlite) as connection:
+        connection.execute("UPDATE audit SET detail = '{\"axis' WHERE id = 1")
+    (fault,) = store.verify(store.path).faults
+    assert fault.startswith("database: a row cannot be read")
+
+
 @pytest.mark.parametrize("content", [b"", b"no database at all" * 1000])
 def test_no_database_is_a_sentence_and_stays(tmp_path: Path, content: bytes) -> None:
     Store.init(tmp_path / "a")

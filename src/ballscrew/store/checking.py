@@ -129,6 +129,8 @@ def verify(path: str | Path) -> Verification:
         if not faults and not re.search("damaged|contains no store", str(error)):
             raise
         faults.append(str(error))
+    except ValueError as error:  # of a column with JSON
+        faults.append(f"database: a row cannot be read ({error})")
     found = Verification(tuple(faults[:_MOST]), counts[1], counts[0], tuple(orphans))
     with suppress(InputError):  # a folder that cannot be written needs no mark
         folder.mark_damaged(list(found.faults))
@@ -146,7 +148,8 @@ def _row_faults(session: Session, counts: list[int]) -> Iterator[str]:
                 key = inspect(row).identity
                 name = mapper.class_.__name__
                 yield f"database: the row {key} of {name} is not that of its checksum"
-            session.expunge(row)
+            if row in session:  # a damaged table may have a row twice
+                session.expunge(row)
     query = select(ResultRow, RunRow).join(RunRow, RunRow.id == ResultRow.run_id)
     for result, run in session.execute(query.execution_options(yield_per=_BATCH)):
         if not _has_its_rows(session, result, run):
@@ -241,15 +244,15 @@ def _has_its_rows(session: Session, result: ResultRow, run: RunRow) -> bool:
     except InputError:
         return False
     names = [column.key for column in inspect(CellRow).columns]
-    stored = session.scalars(
-        select(CellRow).where(CellRow.result_id == result.id).order_by(CellRow.place)
+    columns = [getattr(CellRow, name) for name in names]
+    stored = session.execute(
+        select(*columns).where(CellRow.result_id == result.id).order_by(CellRow.place)
     ).all()
     made = cell_rows(document, result.id)
     if len(stored) != len(made):
         return False
     for found, expected in zip(stored, made, strict=True):
-        session.expunge(found)
-        if any(getattr(found, name) != getattr(expected, name) for name in names):
+        if tuple(found) != tuple(getattr(expected, name) for name in names):
             return False
     recordings = session.scalars(
         select(RecordingRow).where(RecordingRow.run_id == run.id).order_by(RecordingRow.place)

@@ -84,6 +84,8 @@ def reprocess(
         raise InputError(f"the number of workers is {workers}; it must be 1 or more.")
     if scheduler is not None:
         check_scheduler(scheduler)
+        if workers > 1:
+            raise InputError("the workers are those of the scheduler: give --scheduler or --workers.")
     options = AnalysisOptions(method=method)
     with store.write("reprocess") as session:
         names = list(axes) or list(session.scalars(select(Axis.name).order_by(Axis.name)))
