@@ -30,7 +30,7 @@ from ballscrew.store import adding
 from ballscrew.store.adding import add, add_run
 from ballscrew.store.checking import gc, verify
 from ballscrew.store.copying import archive, backup
-from ballscrew.store.opened import OpenStore, create_store
+from ballscrew.store.opened import OpenStore, create_store, tables
 from ballscrew.store.reprocessing import reprocess
 from ballscrew.store.tables import RunRow
 from benchmarks.store_kills import (
@@ -320,7 +320,9 @@ def flip_bytes(folder: Path, flips: int, chance: random.Random) -> Counter[tuple
         file.write_bytes(content[:place] + changed + content[place + 1 :])
         outcome = "found"
         if not verify(path).faults:
-            outcome = "in unused bytes" if number % 2 and _rows(path) == whole else "missed"
+            outcome = (
+                "without effect, all rows as before" if number % 2 and _rows(path) == whole else "missed"
+            )
         outcomes["database" if number % 2 else "raw file", outcome] += 1
         file.write_bytes(content)
         for rest in ("store.sqlite-wal", "store.sqlite-shm"):
@@ -329,9 +331,15 @@ def flip_bytes(folder: Path, flips: int, chance: random.Random) -> Counter[tuple
     return outcomes
 
 
-def _rows(path: Path) -> str:
-    """All that a database contains, as SQL."""
-    return "\n".join(sqlite3.connect(path / "store.sqlite").iterdump())
+def _rows(path: Path) -> object:
+    """All rows of a database; the error where they cannot be read."""
+    connection = sqlite3.connect(path / "store.sqlite")
+    try:
+        return [connection.execute(f'SELECT * FROM "{table.name}"').fetchall() for table in tables()]  # noqa: S608
+    except sqlite3.Error as error:
+        return error
+    finally:
+        connection.close()
 
 
 def main() -> None:

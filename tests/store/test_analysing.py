@@ -131,7 +131,7 @@ def test_a_scheduler_without_workers_is_a_sentence(
 )
 def test_a_scheduler_that_others_reach_is_refused(address: str, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
-        analysing.check_scheduler(address)
+        analysing.check_workers(1, address)
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_a_scheduler_that_does_not_answer_is_a_sentence(
 ) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr(analysing, "_PATIENCE", 0.5)
-    analysing.check_scheduler(address)
+    analysing.check_workers(1, address)
     task = analysing.Task("run", "files", (), {}, {}, "joint")
     with pytest.raises(InputError, match=sentence):
         next(analysing.analysed([task], scheduler=address))

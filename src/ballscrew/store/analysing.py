@@ -207,31 +207,42 @@ def _cluster(address: str) -> Iterator[_Workers]:
             ) from None
 
 
-def check_scheduler(address: str) -> None:
-    """Check that a scheduler is on this computer or uses TLS: its messages are programs.
+def check_workers(workers: int, scheduler: str | None) -> None:
+    """Check the number of workers, and that a scheduler is on this computer or uses TLS.
 
     Parameters
     ----------
-    address : str
-        Its address.
+    workers, scheduler
+        As for :func:`ballscrew.reprocess`.
 
     Raises
     ------
     InputError
-        If it is neither, or no address.
+        If they cannot be used, or both are given.
     """
-    try:
-        parts = urlsplit(address if "://" in address else f"tcp://{address}")
-        host, port = parts.hostname or "", parts.port
-    except ValueError:
-        host, port = "", None
-    if not host or port is None:
-        raise InputError(f"the scheduler is {shown(address)}; its address is as tcp://127.0.0.1:8786.")
+    if workers < 1:
+        raise InputError(f"the number of workers is {workers}; it must be 1 or more.")
+    if scheduler is None:
+        return
+    if workers > 1:
+        raise InputError("the workers are those of the scheduler: give --scheduler or --workers.")
+    scheme, host = _scheme_and_host(scheduler)
     own = host == "localhost"
     with suppress(ValueError):
         own = own or ip_address(host).is_loopback
-    if parts.scheme != "tls" and not (parts.scheme == "tcp" and own):
+    if scheme != "tls" and not (scheme == "tcp" and own):
+        # Its messages are programs.
         raise InputError(
-            f"the scheduler {shown(address)} is on another computer; whoever reaches it can run programs "
+            f"the scheduler {shown(scheduler)} is on another computer; whoever reaches it can run programs "
             "on its workers; use TLS (tls://host:port)."
         )
+
+
+def _scheme_and_host(address: str) -> tuple[str, str]:
+    try:
+        parts = urlsplit(address if "://" in address else f"tcp://{address}")
+        if parts.hostname and parts.port is not None:
+            return parts.scheme, parts.hostname
+    except ValueError:
+        pass
+    raise InputError(f"the scheduler is {shown(address)}; its address is as tcp://127.0.0.1:8786.")

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -244,16 +245,14 @@ def _has_its_rows(session: Session, result: ResultRow, run: RunRow) -> bool:
     except InputError:
         return False
     names = [column.key for column in inspect(CellRow).columns]
-    columns = [getattr(CellRow, name) for name in names]
     stored = session.execute(
-        select(*columns).where(CellRow.result_id == result.id).order_by(CellRow.place)
+        select(*(getattr(CellRow, name) for name in names))
+        .where(CellRow.result_id == result.id)
+        .order_by(CellRow.place)
     ).all()
-    made = cell_rows(document, result.id)
-    if len(stored) != len(made):
+    values = attrgetter(*names)
+    if list(map(tuple, stored)) != list(map(values, cell_rows(document, result.id))):
         return False
-    for found, expected in zip(stored, made, strict=True):
-        if tuple(found) != tuple(getattr(expected, name) for name in names):
-            return False
     recordings = session.scalars(
         select(RecordingRow).where(RecordingRow.run_id == run.id).order_by(RecordingRow.place)
     ).all()

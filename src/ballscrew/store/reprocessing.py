@@ -16,7 +16,7 @@ from ballscrew.base.provenance import digest
 from ballscrew.modal.analyze import AnalysisOptions
 from ballscrew.modal.run import Run
 from ballscrew.store import adding
-from ballscrew.store.analysing import Task, analysed, check_scheduler
+from ballscrew.store.analysing import Task, analysed, check_workers
 from ballscrew.store.changing import amend_result
 from ballscrew.store.folder import actor, now
 from ballscrew.store.inserting import insert_run
@@ -80,12 +80,7 @@ def reprocess(
         If there is no such axis, an axis cannot be switched since runs have no new result, or the scheduler
         cannot be used.
     """
-    if workers < 1:
-        raise InputError(f"the number of workers is {workers}; it must be 1 or more.")
-    if scheduler is not None:
-        check_scheduler(scheduler)
-        if workers > 1:
-            raise InputError("the workers are those of the scheduler: give --scheduler or --workers.")
+    check_workers(workers, scheduler)
     options = AnalysisOptions(method=method)
     with store.write("reprocess") as session:
         names = list(axes) or list(session.scalars(select(Axis.name).order_by(Axis.name)))
