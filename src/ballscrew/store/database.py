@@ -12,7 +12,7 @@ from pathlib import Path
 from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
-from sqlalchemy.pool import NullPool
+from sqlalchemy.pool import NullPool, QueuePool
 
 from ballscrew.base.errors import InputError, shown
 from ballscrew.store.tables import SCHEMA, SCHEMAS
@@ -48,7 +48,7 @@ def sqlite_url(path: Path) -> str:
     return URL.create("sqlite", database=str(path)).render_as_string()
 
 
-def make_engine(url: str, *, writing: bool) -> Engine:
+def make_engine(url: str, *, writing: bool, pooled: bool = False) -> Engine:
     """Engine whose transactions are those of one writer, or read a consistent state.
 
     Parameters
@@ -57,11 +57,14 @@ def make_engine(url: str, *, writing: bool) -> Engine:
         Of SQLite or PostgreSQL.
     writing : bool
         Whether it may write.
+    pooled : bool
+        Whether connections to PostgreSQL stay open for the next transaction: to connect takes 30 ms.
 
     Returns
     -------
     Engine
-        Connections are closed after use: a reader that is left open keeps the write-ahead log growing.
+        Connections to SQLite are closed after use: a reader that is left open keeps the write-ahead log
+        growing.
 
     Raises
     ------
@@ -76,7 +79,10 @@ def make_engine(url: str, *, writing: bool) -> Engine:
             raise InputError("the database must be a URL of PostgreSQL: postgresql://user@host/name.")
         level = "READ COMMITTED" if writing else "REPEATABLE READ"
         engine = create_engine(
-            parsed.set(drivername="postgresql+pg8000"), poolclass=NullPool, isolation_level=level
+            parsed.set(drivername="postgresql+pg8000"),
+            poolclass=QueuePool if pooled else NullPool,
+            pool_pre_ping=pooled,  # a server that was restarted has closed them
+            isolation_level=level,
         )
     except (ArgumentError, NoSuchModuleError):
         raise InputError("the database is no URL such as postgresql://user@host/name.") from None

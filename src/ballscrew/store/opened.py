@@ -31,6 +31,8 @@ class OpenStore:
         If the folder contains no store, or one of another schema.
     """
 
+    pooled = False  # whether connections are used again: in a process that serves requests
+
     def __init__(self, path: str | Path) -> None:
         self.folder = DataFolder(Path(path))
         self.url = self.folder.database_url() or sqlite_url(self.folder.sqlite)
@@ -46,7 +48,7 @@ class OpenStore:
     def engine(self, *, writing: bool) -> Engine:
         """Engine of the database."""
         if writing not in self._engines:
-            self._engines[writing] = make_engine(self.url, writing=writing)
+            self._engines[writing] = make_engine(self.url, writing=writing, pooled=self.pooled)
         return self._engines[writing]
 
     @contextmanager
