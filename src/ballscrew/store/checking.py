@@ -124,8 +124,6 @@ def verify(path: str | Path) -> Verification:
         counts[1] = len(files)
         for sha256, compression in files:
             faults += _file_faults(store, sha256, compression)
-    except ValueError:  # of JSON
-        faults.append("database: a document cannot be decoded")
     except InputError as error:
         if not faults and not re.search("damaged|contains no store", str(error)):
             raise
