@@ -52,8 +52,8 @@ _LATER = """
 import sqlalchemy as sa
 from alembic import op
 
-revision = "0002"
-down_revision = "0001"
+revision = "0003"
+down_revision = "0002"
 
 
 def upgrade():
@@ -170,12 +170,12 @@ class Campaign:
 def migrated_copy(copy: Path, folder: Path) -> None:
     """Migrate a store to a later schema; it has one of the two at any time."""
     found = verify_schema(copy)
-    assert found in ("0001", "0002"), found
+    assert found in ("0002", "0003"), found
     migrating._MIGRATIONS = later_migrations(folder)
     for module in (database, migrating):
-        module.SCHEMA, module.SCHEMAS = "0002", ("0001", "0002")  # type: ignore[attr-defined]
+        module.SCHEMA, module.SCHEMAS = "0003", ("0002", "0003")  # type: ignore[attr-defined]
     migrate(copy)
-    assert verify_schema(copy) == "0002"
+    assert verify_schema(copy) == "0003"
     assert migrating.sqlite_faults(copy / "store.sqlite") == []
 
 
@@ -184,7 +184,7 @@ def later_migrations(folder: Path) -> Path:
     later = folder / "migrations"
     if not later.exists():
         shutil.copytree(migrating._MIGRATIONS, later)
-        (later / "versions" / "0002_later.py").write_text(_LATER)
+        (later / "versions" / "0003_later.py").write_text(_LATER)
     return later
 
 

@@ -65,6 +65,7 @@ SUBPACKAGES = {
     "reproduction": "reproduction: does the paper hold?",
     "sending": "sending: how does a run reach the server?",
     "store": "store: what was measured, estimated and decided?",
+    "service": "service: who sends runs, and who needs to know?",
     "cli": "cli: the command line",
 }
 

@@ -5,6 +5,13 @@ _repr_html_
 __getattr__
 __dir__
 __test__
+# pydantic, uvicorn and tempfile read these
+model_config
+handle_exit
+force_exit
+tempdir
+# a column that the sender of messages will write
+sent_at
 # typer registers these commands
 _main
 simulate_multi_level_mass

@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from ballscrew.reproduction.demo import demo as demo
     from ballscrew.reproduction.reproduce import reproduce as reproduce
     from ballscrew.sending.sender import send as send
+    from ballscrew.service.server import serve as serve
     from ballscrew.store.reprocessing import reprocess as reprocess
     from ballscrew.store.store import Store as Store
 
@@ -107,6 +108,7 @@ _HOME = {
     "reproduce": "reproduction.reproduce",
     "resonances": "modal.resonances",
     "send": "sending.sender",
+    "serve": "service.server",
     "simulate": "cli.simulate",
     "watch": "cli.watch",
     "write_model": "calibration.modelfile",

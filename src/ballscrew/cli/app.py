@@ -27,6 +27,7 @@ from ballscrew.cli.options import (
 )
 from ballscrew.cli.plan_app import plan
 from ballscrew.cli.send_app import send
+from ballscrew.cli.serve_app import serve, token
 from ballscrew.cli.simulate_app import simulate
 from ballscrew.cli.store_app import reprocess, store
 
@@ -348,6 +349,8 @@ def reproduce(
 
 app.add_typer(simulate, name="simulate")
 app.add_typer(store, name="store")
+app.command(cls=Command, epilog="Example: ballscrew serve --data plant")(serve)
+app.add_typer(token, name="token")
 app.command(cls=Command, epilog='Example: ballscrew reprocess "X axis" --store plant --workers 4')(reprocess)
 app.command(
     cls=Command,

@@ -177,7 +177,7 @@ def add_recordings(
     if sorted(file.sha256 for file in run.files) != sorted(hashes):
         raise InputError(f"{path}: its recordings have changed during the analysis; nothing was added.")
     texts = _document_texts(path, job)
-    stated["readers"] = [_reader_of(Path(file)) for file in recordings]
+    stated["readers"] = [reader_of(Path(file)) for file in recordings]
     by_hash = dict(zip(hashes, recordings, strict=True))
     # Files are copied and durable before the lock is taken: others write meanwhile.
     stored = _put_files(store, by_hash)
@@ -190,7 +190,7 @@ def add_recordings(
     return check_added(added, path.name)
 
 
-def _reader_of(path: Path) -> str | None:
+def reader_of(path: Path) -> str | None:
     """Name of the reader of a recording, with its package and version."""
     with suppress(InputError), opened(path) as file:
         return f"{file.reader}, {version_of(file.reader)}".rstrip(", ")

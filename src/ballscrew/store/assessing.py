@@ -65,6 +65,25 @@ class StoredAssessment:
     notes: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class MadeAssessment:
+    """Result of :func:`compute_assessment`, which another process may store.
+
+    Parameters
+    ----------
+    history : StoredHistory
+        What it was made from.
+    monitored : Monitored
+        Health state and remaining life.
+    stated : dict
+        Settings.
+    """
+
+    history: StoredHistory
+    monitored: Monitored
+    stated: dict[str, Any]
+
+
 def monitor_axis(
     store: OpenStore,
     axis: str,
@@ -97,6 +116,50 @@ def monitor_axis(
     InputError
         If the axis has no run or model, or as :func:`ballscrew.monitor` raises.
     """
+    reason = why_read_only(store, "monitor --store")
+    for _ in range(_ATTEMPTS):
+        made = compute_assessment(
+            store,
+            axis,
+            settings=settings,
+            failure=failure,
+            largest_load=largest_load,
+            duty=duty,
+            accept=accept,
+        )
+        history = made.history
+        notes = _notes(history, reason)
+        assessed = StoredAssessment(made.monitored, len(history.runs), history.newest, notes)
+        if reason is not None:
+            return assessed
+        with store.write("monitor --store") as session:
+            if store_assessment(session, made):
+                return assessed
+    raise InputError(f"{store.path}: runs of {axis} are added all the time; try again.")
+
+
+def compute_assessment(
+    store: OpenStore,
+    axis: str,
+    *,
+    settings: MonitorSettings | None = None,
+    failure: Failure | None = None,
+    largest_load: float | None = None,
+    duty: float | DutyRecord | None = None,
+    accept: Sequence[str] = (),
+) -> MadeAssessment:
+    """Assess an axis as :func:`monitor_axis` does, without storing the result.
+
+    Parameters
+    ----------
+    store, axis, settings, failure, largest_load, duty, accept
+        As for :func:`monitor_axis`.
+
+    Returns
+    -------
+    MadeAssessment
+        For :func:`store_assessment`.
+    """
     settings = settings or MonitorSettings()
     stated = {
         "settings": asdict(settings),
@@ -105,30 +168,43 @@ def monitor_axis(
         "duty": repr(duty),
         "accept": sorted(set(accept)),
     }
-    reason = why_read_only(store, "monitor --store")
-    for _ in range(_ATTEMPTS):
-        with store.read() as session:
-            history = read_stored_history(session, axis, settings)
-        monitored = monitor(
-            history.runs,
-            history.model,
-            events=history.events,
-            settings=settings,
-            failure=failure,
-            largest_load=largest_load,
-            duty=duty,
-            accept=accept,
-            checkpoint=history.checkpoint,
-        )
-        assessed = StoredAssessment(monitored, len(history.runs), history.newest, _notes(history, reason))
-        if reason is not None:
-            return assessed
-        with store.write("monitor --store") as session:
-            if history_key(session, find_axis(session, axis)) == history.key:
-                inputs = digest({"history": history.key, "version": __version__, "stated": plain(stated)})
-                _store(session, history, monitored, inputs, stated)
-                return assessed
-    raise InputError(f"{store.path}: runs of {axis} are added all the time; try again.")
+    with store.read() as session:
+        history = read_stored_history(session, axis, settings)
+    monitored = monitor(
+        history.runs,
+        history.model,
+        events=history.events,
+        settings=settings,
+        failure=failure,
+        largest_load=largest_load,
+        duty=duty,
+        accept=accept,
+        checkpoint=history.checkpoint,
+    )
+    return MadeAssessment(history, monitored, stated)
+
+
+def store_assessment(session: Session, made: MadeAssessment) -> bool:
+    """Store an assessment, unless the history of its axis has changed.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    made : MadeAssessment
+        Of :func:`compute_assessment`.
+
+    Returns
+    -------
+    bool
+        Whether it was stored.
+    """
+    history = made.history
+    if history_key(session, find_axis(session, history.axis.name)) != history.key:
+        return False
+    inputs = digest({"history": history.key, "version": __version__, "stated": plain(made.stated)})
+    _store(session, history, made.monitored, inputs, made.stated)
+    return True
 
 
 def _notes(history: StoredHistory, reason: str | None) -> tuple[str, ...]:

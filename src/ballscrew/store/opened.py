@@ -163,7 +163,7 @@ def create_store(path: str | Path, *, database: str | None = None) -> OpenStore:
 
 def _is_own(name: str) -> bool:
     """Whether a file is of a creation of a store that was interrupted."""
-    return name == "files" or name.startswith(("store.", ".store-"))
+    return name in ("files", "server.toml") or name.startswith(("store.", ".store-"))
 
 
 def tables() -> list[Any]:

@@ -32,10 +32,10 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, Mapper, mapped_column
 
 from ballscrew.base.errors import InputError
 
-SCHEMA = "0001"
+SCHEMA = "0002"
 """Newest version of the schema, as Alembic has it."""
 
-SCHEMAS = (SCHEMA,)
+SCHEMAS = ("0001", SCHEMA)
 """All of them, by age."""
 
 _LEVEL = 10  # of zstd
@@ -390,6 +390,117 @@ class Assessment(Checked, Base):
     stiffness: Mapped[list[Any] | None]
     rul_days: Mapped[dict[str, Any]]
     reasons: Mapped[list[Any] | None]
+
+
+class Setup(Checked, Base):
+    """Documents of an axis for the recordings that are sent to the service, and when runs are expected.
+
+    ``sheet``, ``plan`` and ``channels`` are digests of documents; a run is expected every ``period_s``.
+    """
+
+    __tablename__ = "setups"
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"), primary_key=True)
+    sheet: Mapped[str | None] = mapped_column(ForeignKey("documents.digest"))
+    plan: Mapped[str | None] = mapped_column(ForeignKey("documents.digest"))
+    channels: Mapped[str | None] = mapped_column(ForeignKey("documents.digest"))
+    period_s: Mapped[float | None]
+    grace_s: Mapped[float | None]
+    set_up_at: Mapped[str]
+
+
+class Upload(Checked, Base):
+    """A run that was sent to the service, and what became of it.
+
+    ``key`` is the sender's, ``sent`` the digest of what was sent, ``content`` that of what is analysed, as in
+    ``sources``. The status is queued, done, refused, set aside or conflict.
+    """
+
+    __tablename__ = "uploads"
+    __table_args__ = (UniqueConstraint("axis_id", "key", "sent"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"))
+    key: Mapped[str]
+    sent: Mapped[str]
+    content: Mapped[str] = mapped_column(index=True)
+    status: Mapped[str]
+    stated: Mapped[dict[str, Any]]
+    files: Mapped[list[Any] | None]
+    run: Mapped[str | None] = mapped_column(index=True)
+    verdict: Mapped[str | None]
+    error: Mapped[str | None]
+    sender: Mapped[str]
+    received_at: Mapped[str]
+    finished_at: Mapped[str | None]
+
+
+class JobRow(Checked, Base):
+    """Work of the service: not before a time, and leased to a worker until another; seconds since 1970."""
+
+    __tablename__ = "jobs"
+    __table_args__ = (UniqueConstraint("kind", "argument"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    kind: Mapped[str]
+    argument: Mapped[str]
+    priority: Mapped[int]
+    not_before: Mapped[float]
+    lease_until: Mapped[float | None]
+    lease: Mapped[str | None]
+    attempts: Mapped[int]
+    set_aside: Mapped[bool]
+    error: Mapped[str | None]
+    created_at: Mapped[str]
+
+
+class Token(Checked, Base):
+    """A token of the service, by its hash: of an administrator, or of one machine."""
+
+    __tablename__ = "tokens"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    digest: Mapped[str] = mapped_column(unique=True)
+    machine_id: Mapped[int | None] = mapped_column(ForeignKey("machines.id"))
+    created_at: Mapped[str]
+    revoked_at: Mapped[str | None]
+
+
+class Trouble(Checked, Base):
+    """Trouble with the measurement of an axis, not with the axis: silence, or a bad measurement."""
+
+    __tablename__ = "troubles"
+    __table_args__ = (UniqueConstraint("axis_id", "kind", "began_at"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"))
+    kind: Mapped[str]
+    began_at: Mapped[str]
+    text: Mapped[str]
+    raised_at: Mapped[str]
+    ended_at: Mapped[str | None]
+
+
+class AlarmAction(Checked, Base):
+    """What a person did about an alarm or a trouble: acknowledged, shelved until a time, or closed."""
+
+    __tablename__ = "alarm_actions"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    alarm_id: Mapped[int | None] = mapped_column(ForeignKey("alarms.id"), index=True)
+    trouble_id: Mapped[int | None] = mapped_column(ForeignKey("troubles.id"), index=True)
+    action: Mapped[str]
+    until: Mapped[str | None]
+    text: Mapped[str]
+    actor: Mapped[str]
+    at: Mapped[str]
+
+
+class Message(Checked, Base):
+    """A message to be sent, once for each ``key``."""
+
+    __tablename__ = "outbox"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    key: Mapped[str] = mapped_column(unique=True)
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"))
+    kind: Mapped[str]
+    detail: Mapped[dict[str, Any]]
+    at: Mapped[str]
+    sent_at: Mapped[str | None]
 
 
 class Audit(Checked, Base):

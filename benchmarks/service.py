@@ -1,0 +1,376 @@
+"""The service as a process: how fast it is, and what kills of its processes leave.
+
+``python -m benchmarks.service --uploads 40`` measures uploads of 25 MB, ``--verdicts 3`` the time to
+``/readyz`` and from an upload to its verdict (with ``BALLSCREW_DATA``), ``--burst 100`` ten senders, and
+``--kills 100`` kills the server or a worker at random moments while two senders send: nothing that was
+acknowledged may be lost or doubled. In all but ``--verdicts`` the analysis is one that takes ``--analysis``
+seconds and no processor time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from functools import partial
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+
+from ballscrew.store.checking import verify
+from ballscrew.store.opened import OpenStore
+from ballscrew.store.tables import ResultRow, RunRow, Upload
+from benchmarks import store_kills
+
+_SHEET = """
+name = "axis"
+support = "fixed-free"
+bearing.stiffness = "160 N/um"
+table.mass = "32 kg"
+drive.rotor_inertia = "4.2e-4 kg m^2"
+guide.friction = "25 N"
+[screw]
+lead = "10 mm"
+root_diameter = "17.6 mm"
+length = "650 mm"
+bearing_to_zero = "80 mm"
+dynamic_load_rating = "15 kN"
+rigidity = "480 N/um"
+rigidity_preload_ratio = 0.10
+preload_ratio = 0.04
+"""
+_CHANNELS = '[[channel]]\nsource = "a"\nquantity = "torque"\nunit = "N m"\n'
+_ANALYSIS = "BALLSCREW_BENCHMARK_ANALYSIS"
+_PATIENCE = 600.0  # s
+
+
+def imitated_work(pipe: Connection, scratch: str) -> None:
+    """Main function of a worker whose analyses take a stated time."""
+    from ballscrew.service.working import work
+
+    def examine(*arguments: Any, **options: Any) -> Any:
+        time.sleep(float(os.environ[_ANALYSIS]))
+        return imitate(*arguments, **options)
+
+    imitate = store_kills.imitate_analysis
+    store_kills.analyze.examine = examine  # type: ignore[attr-defined]
+    work(pipe, scratch)
+
+
+def serve_imitated(folder: str, port: int) -> None:
+    """Serve with such workers."""
+    from ballscrew.service import server, working
+
+    setattr(server, "Worker", partial(working.Worker, target=imitated_work))  # noqa: B010  mypy
+    server.serve(folder, port=port, workers=2, back_off_s=0.2, attempts=1000)
+
+
+class Process:
+    """A server process, and a client that waits for it.
+
+    Parameters
+    ----------
+    folder : Path
+        Data folder.
+    port : int
+        Port.
+    analysis : float or None
+        Seconds of an imitated analysis; None for the real one.
+    """
+
+    def __init__(self, folder: Path, port: int, analysis: float | None) -> None:
+        self.folder, self.port, self.analysis = folder, port, analysis
+        self.url = f"http://127.0.0.1:{port}"
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> float:
+        """Start it; seconds until it is ready."""
+        command = [sys.executable, "-m", "ballscrew", "serve", "--data", str(self.folder)]
+        command += ["--port", str(self.port)]
+        environment = dict(os.environ)
+        if self.analysis is not None:
+            command = [
+                sys.executable,
+                "-m",
+                "benchmarks.service",
+                "--serve",
+                str(self.folder),
+                str(self.port),
+            ]
+            environment[_ANALYSIS] = str(self.analysis)
+        begin = time.perf_counter()
+        self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, env=environment)  # noqa: S603
+        with httpx.Client(base_url=self.url, timeout=10) as client:
+            wait_for(lambda: client.get("/readyz").status_code == 200)
+        return time.perf_counter() - begin
+
+    def kill(self) -> None:
+        """Kill the server."""
+        assert self.process is not None
+        self.process.kill()
+        self.process.wait()
+
+    def kill_worker(self, chance: random.Random) -> bool:
+        """Kill one of its workers; whether there was one."""
+        assert self.process is not None
+        found = []
+        for path in Path("/proc").glob("[0-9]*"):
+            with suppress(OSError):
+                is_child = path.joinpath("stat").read_text().rsplit(")", 1)[1].split()[1] == str(
+                    self.process.pid
+                )
+                if is_child and b"spawn_main" in path.joinpath("cmdline").read_bytes():
+                    found.append(int(path.name))
+        if found:
+            with suppress(OSError):
+                os.kill(chance.choice(found), signal.SIGKILL)
+        return bool(found)
+
+    def stop(self) -> int:
+        """Stop it; its exit status."""
+        assert self.process is not None
+        self.process.terminate()
+        return self.process.wait(60)
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Wait until a condition holds; a server that does not answer is waited for."""
+    deadline = time.monotonic() + _PATIENCE
+    while time.monotonic() < deadline:
+        with suppress(httpx.HTTPError):
+            if condition():
+                return
+        time.sleep(0.05)
+    raise SystemExit("the server does not answer")
+
+
+@contextmanager
+def serving(process: Process) -> Iterator[httpx.Client]:
+    """A server that runs, with an axis."""
+    process.start()
+    with httpx.Client(base_url=process.url, timeout=60) as client:
+        axis = {"machine": "mill", "sheet": _SHEET, "channels": _CHANNELS}
+        client.put("/api/v1/axes/axis", json=axis).raise_for_status()
+        yield client
+    assert process.stop() == 0
+
+
+def contents_of(number: int) -> dict[str, bytes]:
+    """Two recordings of a run, which its number determines."""
+    generator = random.Random(number)  # noqa: S311
+    return {f"trip{trip}.bin": generator.randbytes(50_000) for trip in range(2)}
+
+
+def send(client: httpx.Client, key: str, contents: dict[str, bytes], number: int) -> httpx.Response:
+    """Send a run once."""
+    url = f"/api/v1/axes/axis/runs/{key}"
+    files = []
+    for name, content in contents.items():
+        sha256 = hashlib.sha256(content).hexdigest()
+        client.put(f"{url}/files/{sha256}", content=content).raise_for_status()
+        files.append({"name": name, "sha256": sha256})
+    time_of = f"2026-01-01T00:{number // 60 % 60:02d}:{number % 60:02d}+00:00"
+    text = f'channels = "c.toml"\nload = "100 kg"\nmeasured_at = "{time_of}"\nfiles = {list(contents)}\n'
+    return client.post(f"{url}/complete", json={"files": files, "run_toml": text})
+
+
+def send_until_acknowledged(url: str, number: int, key: str | None = None) -> str:
+    """Send a run until the server acknowledges it; its content id."""
+    while True:
+        with suppress(httpx.HTTPError), httpx.Client(base_url=url, timeout=30) as client:
+            answer = send(client, key or f"run{number}", contents_of(number), number)
+            if answer.status_code in (200, 202):
+                return str(answer.json()["id"])
+            assert answer.status_code >= 500 or answer.status_code == 429, answer.text
+        time.sleep(0.05)
+
+
+def wait_for_verdicts(url: str) -> None:
+    """Wait until no job waits."""
+    with httpx.Client(base_url=url, timeout=30) as client:
+        wait_for(lambda: client.get("/api/v1/jobs").raise_for_status().json()["jobs"] == [])
+
+
+def check(folder: Path, acknowledged: dict[str, str]) -> None:
+    """Check the promises against what was acknowledged: content id by key."""
+    found = verify(folder)
+    assert found.faults == (), found.faults[:3]
+    assert found.orphans == (), found.orphans[:3]
+    with OpenStore(folder).read() as session:
+        rows = session.query(Upload).all()
+        runs = session.query(RunRow).count()
+        results = session.query(ResultRow).count()
+    by_key = {row.key: row for row in rows if row.status != "conflict"}
+    for key, content in acknowledged.items():
+        assert key in by_key, f"{key} is lost"
+        row = by_key[key]
+        assert (row.content, row.status, row.verdict) == (content, "done", "good"), (
+            key,
+            row.status,
+            row.error,
+        )
+    contents = {row.content for row in by_key.values()}
+    assert runs == results == len(contents), (runs, results, len(contents))
+
+
+def measure_uploads(folder: Path, port: int, number: int, megabytes: float) -> None:
+    """Print times of uploads, one after the other."""
+    times = []
+    with serving(Process(folder, port, 0.0)) as client:
+        for _ in range(number):
+            content = os.urandom(int(megabytes * 1e6))
+            sha256 = hashlib.sha256(content).hexdigest()
+            begin = time.perf_counter()
+            client.put(f"/api/v1/axes/axis/runs/r/files/{sha256}", content=content).raise_for_status()
+            times.append(time.perf_counter() - begin)
+    p50, p99 = np.quantile(times, [0.5, 0.99])
+    print(f"| upload of {megabytes:g} MB, {number} times: p50, p99, largest | "
+          f"{p50:.3f}, {p99:.3f}, {max(times):.3f} s |")  # fmt: skip
+
+
+def measure_verdict(folder: Path, port: int, bench: Path, number: int) -> None:
+    """Print times from the completion of a run of three recordings to its verdict."""
+    process = Process(folder, port, None)
+    print(f"| new folder to /readyz, real workers | {process.start():.1f} s |")
+    with httpx.Client(base_url=process.url, timeout=60) as client:
+        axis: dict[str, Any] = {"machine": "mill", "plan": (bench / "plan.toml").read_text()}
+        axis |= {"sheet": (bench / "axis.toml").read_text()}
+        axis |= {"channels": (bench / "channels.toml").read_text()}
+        client.put("/api/v1/axes/bench", json=axis).raise_for_status()
+        times = []
+        for day in range(1, number + 1):
+            begin = time.perf_counter()
+            url, files = f"/api/v1/axes/bench/runs/{day}", []
+            for path in sorted(bench.glob("preload-4-percent-trip*.h5")):
+                content = path.read_bytes()
+                sha256 = hashlib.sha256(content).hexdigest()
+                client.put(f"{url}/files/{sha256}", content=content).raise_for_status()
+                files.append({"name": path.name, "sha256": sha256})
+            document = {"files": files, "measured_at": f"2026-01-{day:02d}T08:00Z"}
+            identity = client.post(f"{url}/complete", json=document).raise_for_status().json()["id"]
+            wait_for(partial(_is_done, client, identity))
+            times.append(time.perf_counter() - begin)
+    assert process.stop() == 0
+    shown = ", ".join(f"{each:.1f}" for each in times)
+    print(f"| upload of three trips to verdict, idle, one after the other | {shown} s |")
+
+
+def _is_done(client: httpx.Client, identity: str) -> bool:
+    (sent, *_) = client.get(f"/api/v1/runs/{identity}").json()["sent"]
+    assert sent["status"] in ("queued", "done"), sent
+    return bool(sent["status"] == "done")
+
+
+def measure_burst(folder: Path, port: int, runs: int, senders: int, analysis: float) -> None:
+    """Print the time of a burst: each run is sent by two senders."""
+    process = Process(folder, port, analysis)
+    with serving(process):
+        begin = time.perf_counter()
+        numbers = [number for number in range(runs) for _ in range(2)]
+        with ThreadPoolExecutor(senders) as pool:
+            identities = list(pool.map(partial(send_until_acknowledged, process.url), numbers))
+        acknowledged = time.perf_counter() - begin
+        wait_for_verdicts(process.url)
+        done = time.perf_counter() - begin
+    check(folder, {f"run{number}": identity for number, identity in zip(numbers, identities, strict=True)})
+    print(f"| burst of {runs} runs, each twice, from {senders} senders: acknowledged, all verdicts | "
+          f"{acknowledged:.1f}, {done:.1f} s; none lost, none doubled |")  # fmt: skip
+
+
+def kill_all(folder: Path, port: int, kills: int, analysis: float, seed: int) -> None:
+    """Kill server and workers while runs are sent, and check the promises after each kill of a server."""
+    chance = random.Random(seed)  # noqa: S311
+    process, acknowledged, outcomes = Process(folder, port, analysis), {}, Counter[str]()
+    stop = threading.Event()
+    lock = threading.Lock()
+
+    def send_on(first: int) -> None:
+        number = first
+        while not stop.is_set():
+            identity = send_until_acknowledged(process.url, number)
+            with lock:
+                acknowledged[f"run{number}"] = identity
+            if number % 5 == 0:
+                twin = send_until_acknowledged(process.url, number, f"twin{number}")
+                assert twin == identity
+            number += 2
+
+    with serving(process):
+        with ThreadPoolExecutor(2) as pool:
+            senders = [pool.submit(send_on, first) for first in range(2)]
+            try:
+                while sum(outcomes.values()) < kills:
+                    time.sleep(chance.uniform(0.0, 1.5))
+                    if chance.random() < 0.5:
+                        outcomes["worker"] += process.kill_worker(chance)
+                        continue
+                    process.kill()
+                    outcomes["server"] += 1
+                    with lock:
+                        known = dict(acknowledged)
+                    check_uploads(folder, known)
+                    process.start()
+            finally:
+                stop.set()
+            for sender in senders:
+                sender.result()
+        wait_for_verdicts(process.url)
+    check(folder, acknowledged)
+    names = ", ".join(f"{number} of a {name}" for name, number in sorted(outcomes.items()))
+    print(f"| kills: {names}; {len(acknowledged)} runs acknowledged | all done, none lost, none doubled |")
+
+
+def check_uploads(folder: Path, acknowledged: dict[str, str]) -> None:
+    """Check that what was acknowledged is in the store of a server that was just killed."""
+    with OpenStore(folder).read() as session:
+        by_key = {row.key: row.content for row in session.query(Upload).all() if row.status != "conflict"}
+    lost = [key for key, content in acknowledged.items() if by_key.get(key) != content]
+    assert lost == [], lost[:3]
+
+
+def main() -> None:
+    """Measure, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--serve", nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument("--port", type=int, default=8765)
+    parser.add_argument("--uploads", type=int, default=0)
+    parser.add_argument("--megabytes", type=float, default=25.0)
+    parser.add_argument("--verdicts", type=int, default=0)
+    parser.add_argument("--burst", type=int, default=0, help="runs")
+    parser.add_argument("--senders", type=int, default=10)
+    parser.add_argument("--kills", type=int, default=0)
+    parser.add_argument("--analysis", type=float, default=0.2)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    if given.serve is not None:
+        serve_imitated(given.serve[0], int(given.serve[1]))
+        return
+    with tempfile.TemporaryDirectory(prefix="ballscrew-service-") as temporary:
+        folder, bench = Path(temporary), Path(os.environ.get("BALLSCREW_DATA", "")) / "bench"
+        print("| | |\n|---|---|")
+        if given.uploads:
+            measure_uploads(folder / "uploads", given.port, given.uploads, given.megabytes)
+        if given.verdicts:
+            measure_verdict(folder / "verdicts", given.port, bench, given.verdicts)
+        if given.burst:
+            measure_burst(folder / "burst", given.port, given.burst, given.senders, given.analysis)
+        if given.kills:
+            kill_all(folder / "kills", given.port, given.kills, given.analysis, given.seed)
+
+
+if __name__ == "__main__":
+    main()

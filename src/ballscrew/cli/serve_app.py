@@ -1,0 +1,175 @@
+"""``ballscrew serve`` and ``ballscrew token``: options, calls of the service, and tables on the terminal."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from ballscrew.base.errors import DONE, WRONG_INPUT, InputError, printable
+from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.cli.options import Command, CommandGroup, Json, flag, option
+from ballscrew.cli.output import console, print_json
+
+if TYPE_CHECKING:
+    from ballscrew.store.opened import OpenStore
+
+DataOption = Annotated[
+    Path | None,
+    option("Data folder of the store. [default: in the user's data directory]", "DIR", "--data"),
+]
+
+token = typer.Typer(
+    cls=CommandGroup, no_args_is_help=True, help="Create, list and revoke the tokens of the service."
+)
+
+
+def serve(
+    data: DataOption = None,
+    host: Annotated[str | None, option("Address to listen on. [default: 127.0.0.1]", "ADDRESS")] = None,
+    port: Annotated[int | None, option("Port to listen on; 0 for any. [default: 8000]", "N")] = None,
+    workers: Annotated[
+        int | None,
+        option("Processes that analyse. [default: the processor's cores less one, 4 at most]", "N"),
+    ] = None,
+    config: Annotated[
+        Path | None, option("File of settings. [default: server.toml in the data folder]", "SERVER.toml")
+    ] = None,
+    check: Annotated[
+        bool, flag("Print the settings, where each comes from, and what is wrong.", "--check")
+    ] = False,
+    as_json: Json = False,
+) -> int:
+    """Serve a store over HTTP: receive runs, analyse them, assess the axes, answer.
+
+    Without any option, at http://127.0.0.1:8000 for this computer alone. Ctrl-C stops it.
+    """
+    given = {"host": host, "port": port, "workers": workers}
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    if check:
+        return _check(data, config, options, as_json=as_json)
+    from ballscrew.service.server import serve as serve_store
+
+    serve_store(data, config=config, **options)
+    return DONE
+
+
+@token.command(cls=Command, epilog='Example: ballscrew token create --machine "mill 4"')
+def create(
+    data: DataOption = None,
+    admin: Annotated[bool, flag("Of an administrator, who may do everything.", "--admin")] = False,
+    machine: Annotated[
+        str | None, option("Of a machine, which may only send runs of its axes.", "NAME")
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Create a token and print it; it is not stored, and cannot be printed again."""
+    return _create(data, machine, admin=admin, as_json=as_json)
+
+
+@token.command(cls=Command, name="list", epilog="Example: ballscrew token list")
+def list_tokens(data: DataOption = None, as_json: Json = False) -> int:
+    """List the tokens by their numbers."""
+    return _list(data, as_json=as_json)
+
+
+@token.command(cls=Command, epilog="Example: ballscrew token revoke 2")
+def revoke(
+    number: Annotated[int, typer.Argument(metavar="NUMBER", help="Number of the token.")],
+    data: DataOption = None,
+    as_json: Json = False,
+) -> int:
+    """Revoke a token."""
+    return _revoke(data, number, as_json=as_json)
+
+
+def _check(data: Path | None, config: Path | None, options: dict[str, Any], *, as_json: bool) -> int:
+    """Print the settings; status 2 if one is wrong."""
+    from ballscrew.service.server import check
+
+    settings, problems = check(data, config=config, **options)
+    if as_json:
+        document = {}
+        for name, (value, origin) in settings.items():
+            document[name] = {"value": _plain(value), "from": origin}
+        print_json({"schema": SCHEMA, "settings": document, "problems": problems})
+    else:
+        table = Table()
+        for heading in ("setting", "value", "from"):
+            table.add_column(heading)
+        for name, (value, origin) in settings.items():
+            table.add_row(name, escape(str(_plain(value))), escape(origin))
+        console().print(table)
+    for problem in problems:
+        sys.stderr.write(f"ballscrew: {printable(problem)}\n")
+    return WRONG_INPUT if problems else DONE
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Path):
+        return str(value)
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _open(data: Path | None) -> OpenStore:
+    from ballscrew.service.settings import default_folder
+    from ballscrew.store.folder import DataFolder
+    from ballscrew.store.opened import OpenStore, create_store
+
+    folder = data or default_folder()
+    if not DataFolder(folder).exists():
+        create_store(folder)
+    return OpenStore(folder)
+
+
+def _create(data: Path | None, machine: str | None, *, admin: bool, as_json: bool) -> int:
+    """Create a token and print it once."""
+    from ballscrew.service.access import create_token
+
+    if admin == (machine is not None):
+        raise InputError("a token is that of an administrator (--admin) or of a machine (--machine NAME).")
+    number, text = create_token(_open(data), machine)
+    if as_json:
+        print_json({"schema": SCHEMA, "id": number, "machine": machine, "token": text})
+    else:
+        console().print(text, markup=False, soft_wrap=True)
+        sys.stderr.write(f"Token {number}; it cannot be printed again.\n")
+    return DONE
+
+
+def _list(data: Path | None, *, as_json: bool) -> int:
+    """Print the tokens."""
+    from ballscrew.service.access import list_tokens
+
+    tokens = list_tokens(_open(data))
+    if as_json:
+        print_json({"schema": SCHEMA, "tokens": tokens})
+        return DONE
+    table = Table()
+    for heading in ("number", "of", "created", "revoked"):
+        table.add_column(heading)
+    for row in tokens:
+        table.add_row(
+            str(row["id"]),
+            "administrator" if row["admin"] else f"machine {escape(row['machine'])}",
+            row["created_at"],
+            row["revoked_at"] or "–",
+        )
+    console().print(table)
+    return DONE
+
+
+def _revoke(data: Path | None, number: int, *, as_json: bool) -> int:
+    """Revoke a token."""
+    from ballscrew.service.access import revoke_token
+
+    revoke_token(_open(data), number)
+    if as_json:
+        print_json({"schema": SCHEMA, "id": number, "revoked": True})
+    else:
+        console().print(f"Revoked: token {number}.", markup=False)
+    return DONE

@@ -1,0 +1,276 @@
+"""Who may do what: hosts and sites, and tokens, stored as hashes, of administrators and machines."""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+from urllib.parse import urlsplit
+
+from fastapi import Depends, Request
+from fastapi.responses import JSONResponse
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import Message as AsgiMessage
+
+from ballscrew.base.errors import InputError, shown
+from ballscrew.service.serving import TOO_LARGE, RefusedError, Service, service_of
+from ballscrew.store.folder import now
+from ballscrew.store.opened import OpenStore, record
+from ballscrew.store.tables import Axis, MachineRow, Token
+
+_BEGIN = "bs_"  # so that a token is recognised where it was pasted by mistake
+_BYTES = 32
+_LONGEST_BODY = 64 << 20  # bytes of any body but a file's: MODEL.json has a few
+_LOOPBACK = ("localhost", "127.0.0.1", "::1")
+_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Who sends a request.
+
+    Parameters
+    ----------
+    name : str
+        For the audit.
+    machine : int or None
+        Number of the machine for which alone the caller may send; None for an administrator.
+    """
+
+    name: str
+    machine: int | None
+
+
+def create_token(store: OpenStore, machine: str | None) -> tuple[int, str]:
+    """Create a token.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+    machine : str or None
+        Name of the machine for whose axes alone it may send; None for an administrator.
+
+    Returns
+    -------
+    tuple of int and str
+        Its number, and the token itself, which is not stored.
+
+    Raises
+    ------
+    InputError
+        If there is no such machine, or several of this name.
+    """
+    text = _BEGIN + secrets.token_urlsafe(_BYTES)
+    with store.write("token create") as session:
+        row = Token(digest=_digest(text), machine_id=None, created_at=now())
+        if machine is not None:
+            row.machine_id = _find_machine(session, machine).id
+        session.add(row)
+        session.flush()
+        record(session, "create", f"token {row.id}", machine=machine)
+        return row.id, text
+
+
+def _find_machine(session: Session, name: str) -> MachineRow:
+    rows = session.scalars(select(MachineRow).where(MachineRow.name == name)).all()
+    if len(rows) != 1:
+        number = "several machines" if rows else "no machine"
+        raise InputError(
+            f"the store has {number} of the name {shown(name)}; a machine is named with the data sheet of an "
+            "axis: 'ballscrew store add axis.toml --machine NAME'."
+        )
+    return rows[0]
+
+
+def list_tokens(store: OpenStore) -> list[dict[str, Any]]:
+    """Tokens with their machines and times, without the tokens themselves."""
+    with store.read() as session:
+        rows = session.execute(
+            select(Token, MachineRow.name)
+            .outerjoin(MachineRow, MachineRow.id == Token.machine_id)
+            .order_by(Token.id)
+        ).all()
+    found = []
+    for token, machine in rows:
+        found.append(
+            {
+                "id": token.id,
+                "machine": machine,
+                "admin": token.machine_id is None,
+                "created_at": token.created_at,
+                "revoked_at": token.revoked_at,
+            }
+        )
+    return found
+
+
+def revoke_token(store: OpenStore, number: int) -> None:
+    """Revoke a token.
+
+    Raises
+    ------
+    InputError
+        If there is none of this number.
+    """
+    with store.write("token revoke") as session:
+        row = session.get(Token, number)
+        if row is None:
+            raise InputError(f"there is no token {number}; 'ballscrew token list' lists them.")
+        if row.revoked_at is None:
+            row.revoked_at = now()
+            record(session, "revoke", f"token {number}")
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def find_caller(request: Request, service: Annotated[Service, Depends(service_of)]) -> Caller:
+    """Who sends a request, by its token; on loopback without one, the administrator.
+
+    Raises
+    ------
+    RefusedError
+        401 without a token that is valid.
+    """
+    challenge = {"WWW-Authenticate": "Bearer"}
+    given = request.headers.get("authorization")
+    if given is None:
+        if service.settings.on_loopback:
+            return Caller("local", None)
+        raise RefusedError(401, "a token is needed: Authorization: Bearer TOKEN.", challenge)
+    scheme, _, text = given.partition(" ")
+    with service.store.read() as session:
+        row = session.scalar(select(Token).where(Token.digest == _digest(text.strip())))
+    if scheme.lower() != "bearer" or row is None or row.revoked_at is not None:
+        raise RefusedError(401, "the token is not valid, or was revoked.", challenge)
+    return Caller(f"token {row.id}", row.machine_id)
+
+
+AnyCaller = Annotated[Caller, Depends(find_caller)]
+
+
+def find_admin(caller: AnyCaller) -> Caller:
+    """The administrator that sends a request.
+
+    Raises
+    ------
+    RefusedError
+        403 for the token of a machine.
+    """
+    if caller.machine is not None:
+        raise RefusedError(403, "the token of a machine may only send runs.")
+    return caller
+
+
+AdminCaller = Annotated[Caller, Depends(find_admin)]
+RunningService = Annotated[Service, Depends(service_of)]
+
+
+def find_sent_axis(session: Session, name: str, caller: Caller) -> Axis:
+    """Row of the axis that a caller sends for.
+
+    Raises
+    ------
+    RefusedError
+        404 if there is no such axis; 403 for the token of another machine, also where there is no such axis.
+    """
+    row = session.scalar(select(Axis).where(Axis.name == name))
+    if caller.machine is not None and (row is None or row.machine_id != caller.machine):
+        raise RefusedError(403, f"the token is not of the machine of an axis {shown(name)}.")
+    if row is None:
+        raise RefusedError(404, f"there is no axis {shown(name)}; PUT /api/v1/axes/NAME adds it.")
+    return row
+
+
+class Guard:
+    """Checks of every request before its route: Host, Origin, and the size of its body.
+
+    Parameters
+    ----------
+    app : ASGI application
+        What is guarded.
+    service : Service
+        The service.
+    """
+
+    def __init__(self, app: ASGIApp, service: Service) -> None:
+        self.app = app
+        self.service = service
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request, or refuse it."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+
+        async def answer(message: AsgiMessage) -> None:
+            if message["type"] == "http.response.start":
+                if message["status"] >= 400:
+                    self.service.refusals[message["status"]] += 1
+                headers = MutableHeaders(scope=message)
+                for name, value in _HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        headers = Headers(scope=scope)
+        refusal = self._wrong_host(headers)
+        if refusal is None and not _is_file(scope):
+            length = headers.get("content-length", "0")
+            if not length.isdecimal() or int(length) > _LONGEST_BODY:
+                refusal = JSONResponse({"detail": "the body is too large."}, TOO_LARGE)
+            receive = _limited(receive)
+        await (refusal or self.app)(scope, receive, answer)
+
+    def _wrong_host(self, headers: Mapping[str, str]) -> JSONResponse | None:
+        """RefusedError of a request that another site or another name made a browser send."""
+        settings = self.service.settings
+        allowed = set(settings.allowed_hosts)
+        if settings.on_loopback:
+            allowed |= {*_LOOPBACK, settings.host}
+        host = _name(headers.get("host", ""))
+        if allowed and host not in allowed:
+            return JSONResponse({"detail": "the name of the host is not allowed (allowed_hosts)."}, 400)
+        origin = headers.get("origin")
+        if origin is not None and urlsplit(origin).netloc != headers.get("host"):
+            return JSONResponse({"detail": "the request comes from another site."}, 403)
+        return None
+
+
+def _name(host: str) -> str:
+    """Name in a Host header, without its port."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def _is_file(scope: Scope) -> bool:
+    """Whether the body is a file, whose size its route limits."""
+    return scope["method"] == "PUT" and "/files/" in scope["path"]
+
+
+def _limited(receive: Receive) -> Receive:
+    """Body that ends with an error where it is too large."""
+    size = 0
+
+    async def limited() -> AsgiMessage:
+        nonlocal size
+        message = await receive()
+        size += len(message.get("body", b""))
+        if size > _LONGEST_BODY:
+            raise RefusedError(TOO_LARGE, "the body is too large.")
+        return message
+
+    return limited

@@ -1,0 +1,239 @@
+"""Alarms as rows: raised and retracted by assessments, acknowledged, shelved and closed by people."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from typing import Any, Literal
+
+from fastapi import APIRouter
+from pydantic import BaseModel, ConfigDict, Field
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from ballscrew.base.errors import InputError
+from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.monitoring.epochs import moment
+from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.serving import RefusedError, Service
+from ballscrew.store.folder import now
+from ballscrew.store.opened import record
+from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, Message, RunRow, Setup, Trouble, Upload
+
+router = APIRouter(prefix="/api/v1/alarms")
+
+SILENCE, MEASUREMENT = "silence", "measurement"
+_ACTIONS = {"acknowledge": "acknowledged", "shelve": "shelved", "close": "closed", "reopen": "raised"}
+
+
+class Action(BaseModel):
+    """What a person does about an alarm."""
+
+    model_config = ConfigDict(extra="forbid")
+    action: Literal["acknowledge", "shelve", "close", "reopen"]
+    until: str | None = Field(None, max_length=64, description="End of a shelving, ISO 8601.")
+    text: str = Field("", max_length=10_000, description="Finding; a closure needs one.")
+
+
+@router.get("")
+def list_alarms(caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+    """Every alarm of an axis, and every trouble with a measurement, the newest first."""
+    with service.store.read() as session:
+        return {"schema": SCHEMA, "alarms": alarm_documents(session)}
+
+
+@router.post("/{alarm}")
+def act(alarm: str, action: Action, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
+    """Acknowledge, shelve, close with a finding, or reopen an alarm."""
+    _check(action)
+    with service.store.write("alarm") as session:
+        kind, row = _find_alarm(session, alarm)
+        taken = AlarmAction(
+            action=_ACTIONS[action.action], until=action.until, text=action.text, actor=caller.name, at=now()
+        )
+        setattr(taken, f"{kind}_id", row.id)
+        session.add(taken)
+        record(session, action.action, alarm, by=caller.name, text=action.text, until=action.until)
+        session.flush()
+        document = next(each for each in alarm_documents(session) if each["id"] == alarm)
+    service.announce()
+    return {"schema": SCHEMA, **document}
+
+
+def _check(action: Action) -> None:
+    """Check that an action has what it needs."""
+    if action.action == "close" and not action.text.strip():
+        raise InputError("an alarm is closed with a finding (text).")
+    if (action.action == "shelve") != (action.until is not None):
+        raise InputError("a shelving, and only this, needs its end (until).")
+    if action.until is not None and moment(action.until, "until") <= datetime.now(UTC):
+        raise InputError("the end of a shelving must be in the future.")
+
+
+def _find_alarm(session: Session, name: str) -> tuple[str, AlarmRow | Trouble]:
+    """Kind and row of an alarm, ``alarm-1`` or ``trouble-1``."""
+    kind, _, number = name.partition("-")
+    row: AlarmRow | Trouble | None = None
+    if re.fullmatch("[0-9]{1,9}", number):
+        if kind == "alarm":
+            row = session.get(AlarmRow, int(number))
+        elif kind == "trouble":
+            row = session.get(Trouble, int(number))
+    if row is None:
+        raise RefusedError(404, "there is no such alarm; GET /api/v1/alarms lists them.")
+    return kind, row
+
+
+def alarm_documents(session: Session) -> list[dict[str, Any]]:
+    """Alarms and troubles with their states, the newest first."""
+    actions: dict[str, list[AlarmAction]] = {}
+    for action in session.scalars(select(AlarmAction).order_by(AlarmAction.id)):
+        subject = f"alarm-{action.alarm_id}" if action.alarm_id else f"trouble-{action.trouble_id}"
+        actions.setdefault(subject, []).append(action)
+    found = []
+    for alarm, axis in session.execute(select(AlarmRow, Axis.name).join(Axis, Axis.id == AlarmRow.axis_id)):
+        common = {"id": f"alarm-{alarm.id}", "axis": axis, "kind": "axis", "text": "Loss of preload."}
+        found.append(common | _state_document(alarm, alarm.retracted_at, "retracted", actions))
+    for trouble, axis in session.execute(select(Trouble, Axis.name).join(Axis, Axis.id == Trouble.axis_id)):
+        common = {"id": f"trouble-{trouble.id}", "axis": axis, "kind": trouble.kind, "text": trouble.text}
+        found.append(common | _state_document(trouble, trouble.ended_at, "ended", actions, common["id"]))
+    return sorted(found, key=lambda each: str(each["raised_at"]), reverse=True)
+
+
+def _state_document(
+    row: AlarmRow | Trouble,
+    ended_at: str | None,
+    end: str,
+    actions: dict[str, list[AlarmAction]],
+    name: str | None = None,
+) -> dict[str, Any]:
+    """State of an alarm by its end and by what people did."""
+    taken = actions.get(name or f"alarm-{row.id}", [])
+    state = taken[-1].action if taken else "raised"
+    if state == "shelved" and moment(taken[-1].until, "until") <= datetime.now(UTC):
+        state = "raised"
+    if ended_at is not None:
+        state = end
+    return {
+        "state": state,
+        "began_at": row.began_at,
+        "raised_at": row.raised_at,
+        "ended_at": ended_at,
+        "actions": [
+            {"action": each.action, "at": each.at, "by": each.actor, "until": each.until, "text": each.text}
+            for each in taken
+        ],
+    }
+
+
+def write_messages(session: Session, axis: Axis) -> None:
+    """Add a message for each alarm of an axis that was raised or retracted since its last message.
+
+    Parameters
+    ----------
+    session : Session
+        Writing; the messages are there with what they report, or not at all.
+    axis : Axis
+        Its axis.
+    """
+    session.flush()
+    for alarm in session.scalars(select(AlarmRow).where(AlarmRow.axis_id == axis.id).order_by(AlarmRow.id)):
+        kind = "raised" if alarm.retracted_at is None else "retracted"
+        _add_message(session, axis, f"alarm-{alarm.id}", kind, {"began_at": alarm.began_at})
+
+
+def _add_message(session: Session, axis: Axis, subject: str, kind: str, detail: dict[str, Any]) -> None:
+    """Add a message, unless the last one about its subject was of the same kind."""
+    about = Message.key.startswith(f"{subject}/")
+    last = session.scalar(select(Message).where(about).order_by(Message.id.desc()).limit(1))
+    if last is not None and last.kind == kind:
+        return
+    number = int(session.scalar(select(func.count()).where(about)) or 0) + 1
+    document = {"subject": subject, "axis": axis.name, **detail}
+    session.add(
+        Message(
+            key=f"{subject}/{number}", axis_id=axis.id, kind=kind, detail=document, at=now(), sent_at=None
+        )
+    )
+    session.flush()
+
+
+def report_bad_measurement(session: Session, axis: Axis, at: str, reasons: Sequence[str]) -> None:
+    """Raise a trouble with the measurement, or end it after a run without reasons.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    axis : Axis
+        Its axis.
+    at : str
+        Time of the run.
+    reasons : sequence of str
+        Why it is bad; empty for one that is not.
+    """
+    _set_trouble(session, axis, MEASUREMENT, at if reasons else None, " ".join(reasons))
+
+
+def _set_trouble(session: Session, axis: Axis, kind: str, began_at: str | None, text: str = "") -> bool:
+    """Raise a trouble, or end it where ``began_at`` is None; whether something changed."""
+    standing = session.scalar(
+        select(Trouble).where(Trouble.axis_id == axis.id, Trouble.kind == kind, Trouble.ended_at.is_(None))
+    )
+    if (standing is None) == (began_at is None):
+        return False
+    if standing is None:
+        same = (Trouble.axis_id == axis.id, Trouble.kind == kind, Trouble.began_at == began_at)
+        standing = session.scalar(select(Trouble).where(*same))
+        if standing is None:
+            standing = Trouble(axis_id=axis.id, kind=kind, began_at=began_at, text=text, raised_at=now())
+            session.add(standing)
+        standing.ended_at = None
+        session.flush()
+        action = "raised"
+    else:
+        standing.ended_at = now()
+        action = "ended"
+    _add_message(session, axis, f"trouble-{standing.id}", action, {"kind": kind, "text": standing.text})
+    record(session, action, f"{kind} of {axis.name}", text=standing.text)
+    return True
+
+
+def watch_for_silence(service: Service, at: datetime | None = None) -> None:
+    """Raise a trouble for each axis whose run is overdue by its schedule, and end those that are not.
+
+    Parameters
+    ----------
+    service : Service
+        The service.
+    at : datetime, optional
+        The present time.
+    """
+    at = at or datetime.now(UTC)
+    with service.store.read() as session:
+        late: dict[int, str | None] = {}
+        for setup in session.scalars(select(Setup).where(Setup.period_s.is_not(None))):
+            late[setup.axis_id] = _silent_since(session, setup, at)
+        standing = select(Trouble.axis_id).where(Trouble.kind == SILENCE, Trouble.ended_at.is_(None))
+        raised = set(session.scalars(standing))
+    late |= dict.fromkeys(raised - late.keys())  # of a schedule that was removed
+    changed = False
+    for axis, since in late.items():
+        if (axis in raised) != (since is not None):
+            with service.store.write("silence") as session:
+                row = session.get_one(Axis, axis)
+                changed |= _set_trouble(session, row, SILENCE, since, f"no run since {since}: overdue.")
+    if changed:
+        service.announce()
+
+
+def _silent_since(session: Session, setup: Setup, at: datetime) -> str | None:
+    """When the newest run of an axis came, or it was set up, if the next run is overdue."""
+    sent = session.scalar(select(func.max(Upload.received_at)).where(Upload.axis_id == setup.axis_id))
+    added = session.scalar(select(func.max(RunRow.received_at)).where(RunRow.axis_id == setup.axis_id))
+    newest = max(each for each in (sent, added, setup.set_up_at) if each is not None)
+    patience = timedelta(seconds=(setup.period_s or 0.0) + (setup.grace_s or 0.0))
+    if at - moment(newest, "received_at") <= patience:
+        return None
+    return newest

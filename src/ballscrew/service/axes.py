@@ -1,0 +1,153 @@
+"""Set-up of an axis over HTTP: machine, data sheet, plan, channel map, schedule, model and events."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from fastapi import APIRouter
+from pydantic import BaseModel, ConfigDict, Field
+
+from ballscrew.axis.sheet_file import read_axis
+from ballscrew.base.errors import InputError, shown
+from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.base.provenance import digest
+from ballscrew.calibration.modelfile import KIND, model_from_json
+from ballscrew.fcft.plan import read_plan
+from ballscrew.monitoring.epochs import Event
+from ballscrew.prognosis.monitor import monitor
+from ballscrew.recording.channels import read_channels
+from ballscrew.service.access import AdminCaller, RunningService, find_sent_axis
+from ballscrew.service.jobs import request_assessment
+from ballscrew.service.reading import missing_of
+from ballscrew.service.runs import text_files
+from ballscrew.service.serving import Service
+from ballscrew.store.adding import add_events, add_model, add_sheet, insert_document
+from ballscrew.store.folder import now
+from ballscrew.store.histories import read_stored_history
+from ballscrew.store.opened import record
+from ballscrew.store.reading import find_axis
+from ballscrew.store.tables import Setup
+
+router = APIRouter(prefix="/api/v1/axes/{axis}")
+
+READERS: dict[str, Callable[[Path], Any]] = {"axis": read_axis, "plan": read_plan, "channels": read_channels}
+"""Reader of each kind of document."""
+
+_LONGEST = 1 << 20  # characters of a document
+
+
+class Schedule(BaseModel):
+    """When runs of an axis are expected."""
+
+    model_config = ConfigDict(extra="forbid")
+    period_s: float = Field(gt=0, le=1e9, description="Time from one run to the next.")
+    grace_s: float = Field(0.0, ge=0, le=1e9, description="Time after which a missing run raises an alarm.")
+
+
+class AxisSetup(BaseModel):
+    """An axis as it is set up, whole."""
+
+    model_config = ConfigDict(extra="forbid")
+    machine: str = Field(min_length=1, max_length=200)
+    site: str = Field("", max_length=200)
+    sheet: str = Field(max_length=_LONGEST, description="Text of the data sheet, axis.toml.")
+    plan: str | None = Field(None, max_length=_LONGEST, description="Text of plan.toml.")
+    channels: str | None = Field(None, max_length=_LONGEST, description="Text of channels.toml.")
+    schedule: Schedule | None = None
+
+
+class NewEvent(BaseModel):
+    """An event on an axis."""
+
+    model_config = ConfigDict(extra="forbid")
+    at: str = Field(max_length=64, description="ISO 8601.")
+    kind: str = Field(max_length=64)
+    text: str = Field("", max_length=10_000)
+
+
+@router.put("")
+def set_up_axis(axis: str, setup: AxisSetup, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
+    """Set up an axis: machine, data sheet, plan, channel map and schedule."""
+    digests: dict[str, str] = {}
+    texts = {"axis": setup.sheet, "plan": setup.plan, "channels": setup.channels}
+    with text_files(texts) as paths:
+        name = read_axis(paths["axis"]).name
+        if name != axis:
+            raise InputError(f"the data sheet is that of the axis {shown(name)}, not of {shown(axis)}.")
+        for kind, path in paths.items():
+            digests[kind] = digest(READERS[kind](path).to_settings())
+        added = add_sheet(service.store, paths["axis"], machine=setup.machine, site=setup.site)
+    with service.store.write("set up") as session:
+        row = find_axis(session, axis)
+        for kind in ("plan", "channels"):
+            if kind in digests:
+                insert_document(session, kind, digests[kind], str(texts[kind]), None)
+        found = session.get(Setup, row.id)
+        if found is None:
+            found = Setup(axis_id=row.id, set_up_at=now())
+            session.add(found)
+        found.sheet, found.plan, found.channels = (digests.get(kind) for kind in texts)
+        found.period_s = found.grace_s = None
+        if setup.schedule is not None:
+            found.period_s, found.grace_s = setup.schedule.period_s, setup.schedule.grace_s
+        record(session, "set up", f"axis {axis}", by=caller.name, **digests)
+    service.announce()
+    document = {"schema": SCHEMA, "axis": axis, "new": added.is_new, "documents": digests}
+    return document | {"missing": missing_of(service, axis)}
+
+
+@router.put("/model")
+def add_axis_model(
+    axis: str, document: dict[str, Any], caller: AdminCaller, service: RunningService
+) -> dict[str, Any]:
+    """Add the model of an axis, MODEL.json."""
+    with service.store.read() as session:
+        find_sent_axis(session, axis, caller)
+    if document.get("kind") != KIND:
+        raise InputError("the body is no MODEL.json, which 'ballscrew calibrate' writes.")
+    model = model_from_json(document, "MODEL.json")
+    if model.axis != axis:
+        raise InputError(f"the model is that of the axis {shown(model.axis)}, not of {shown(axis)}.")
+    added = add_model(service.store, model)
+    _assess_soon(service, axis, caller.name)
+    return {"schema": SCHEMA, "axis": axis, "new": added.is_new, "digest": added.subject}
+
+
+@router.post("/events")
+def add_axis_events(
+    axis: str, events: list[NewEvent], caller: AdminCaller, service: RunningService, *, preview: bool = False
+) -> dict[str, Any]:
+    """Add events on an axis; with ``preview``, only show how the state would change."""
+    with service.store.read() as session:
+        find_sent_axis(session, axis, caller)
+    found = tuple(Event(event.at, event.kind, event.text) for event in events)
+    if preview:
+        return {"schema": SCHEMA, "axis": axis, "stored": False, **_preview(service, axis, found)}
+    added = add_events(service.store, found, axis)
+    _assess_soon(service, axis, caller.name)
+    return {"schema": SCHEMA, "axis": axis, "stored": True, "new": added.is_new}
+
+
+def _preview(service: Service, axis: str, events: tuple[Event, ...]) -> dict[str, Any]:
+    """State of an axis as it is, and with more events."""
+    with service.store.read() as session:
+        history = read_stored_history(session, axis)
+    found = {}
+    for name, more in (("before", ()), ("after", events)):
+        state = monitor(history.runs, history.model, events=(*history.events, *more)).state
+        found[name] = {
+            "state": state.state,
+            "urgency": state.urgency,
+            "alarm_at": state.alarm_at,
+            "epochs": [[epoch.begins, epoch.cause] for epoch in state.epochs],
+        }
+    return found
+
+
+def _assess_soon(service: Service, axis: str, by: str) -> None:
+    with service.store.write("assess") as session:
+        request_assessment(session, find_axis(session, axis))
+        record(session, "request", f"assessment of {axis}", by=by)
+    service.announce()

@@ -1,0 +1,184 @@
+"""Jobs: work that is leased to one worker at a time, tried again after a pause, and set aside at last."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import func, or_, select
+from sqlalchemy.orm import Session
+
+from ballscrew.service.serving import Service
+from ballscrew.store.folder import now
+from ballscrew.store.opened import record
+from ballscrew.store.tables import Axis, JobRow, Model
+
+ANALYSE, ASSESS = "analyse", "assess"
+PRIORITIES = {ASSESS: 0, ANALYSE: 10}
+"""Lower first: an assessment is short, and a verdict waits for it."""
+
+Clock = Callable[[], float]
+
+
+@dataclass(frozen=True, slots=True)
+class Lease:
+    """A job that is leased.
+
+    Parameters
+    ----------
+    job : int
+        Its number.
+    token : str
+        Of this lease: what comes back after it was lost is dropped.
+    kind, argument : str
+        What is to be done.
+    """
+
+    job: int
+    token: str
+    kind: str
+    argument: str
+
+
+def enqueue(session: Session, kind: str, argument: str) -> None:
+    """Add a job, unless it waits already.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    kind, argument : str
+        What is to be done; one job of each at a time.
+    """
+    row = session.scalar(select(JobRow).where(JobRow.kind == kind, JobRow.argument == argument))
+    if row is None:
+        row = JobRow(kind=kind, argument=argument, priority=PRIORITIES[kind], created_at=now())
+        session.add(row)
+    elif not row.set_aside:
+        return
+    row.not_before, row.attempts, row.set_aside, row.error = 0.0, 0, False, None
+    row.lease = row.lease_until = None
+    session.flush()
+
+
+def request_assessment(session: Session, axis: Axis) -> None:
+    """Add the job that assesses an axis, once it has a model."""
+    if session.scalar(select(Model.digest).where(Model.axis_id == axis.id).limit(1)) is not None:
+        enqueue(session, ASSESS, axis.name)
+
+
+def lease_job(service: Service, clock: Clock = time.time) -> Lease | None:
+    """Lease the next job: a lower priority first, then the older one.
+
+    Parameters
+    ----------
+    service : Service
+        The service.
+    clock : callable
+        Seconds since 1970.
+
+    Returns
+    -------
+    Lease or None
+        None if no job is due.
+    """
+    at = clock()
+    due = (
+        JobRow.set_aside.is_(False),
+        JobRow.not_before <= at,
+        or_(JobRow.lease_until.is_(None), JobRow.lease_until <= at),
+    )
+    found = select(JobRow).where(*due).order_by(JobRow.priority, JobRow.id).limit(1)
+    with service.store.read() as session:
+        if session.scalar(found) is None:
+            return None
+    with service.store.write("lease") as session:
+        row = session.scalar(found)
+        if row is None:
+            return None
+        row.lease, row.lease_until = secrets.token_hex(8), at + service.settings.lease_s
+        return Lease(row.id, row.lease, row.kind, row.argument)
+
+
+def is_current(session: Session, lease: Lease) -> JobRow | None:
+    """Row of a leased job; None if the lease was lost."""
+    row = session.get(JobRow, lease.job)
+    if row is None or row.lease != lease.token:
+        return None
+    return row
+
+
+def fail_job(service: Service, lease: Lease, reason: str, clock: Clock = time.time) -> bool:
+    """Try a job again after a pause, or set it aside after the last attempt.
+
+    Parameters
+    ----------
+    service : Service
+        The service.
+    lease : Lease
+        Of the job; nothing happens if it was lost.
+    reason : str
+        A sentence.
+    clock : callable
+        Seconds since 1970.
+
+    Returns
+    -------
+    bool
+        Whether it was set aside.
+    """
+    settings = service.settings
+    with service.store.write("fail") as session:
+        row = is_current(session, lease)
+        if row is None:
+            return False
+        row.attempts += 1
+        row.error = reason
+        row.lease = row.lease_until = None
+        row.not_before = clock() + settings.back_off_s * 2 ** (row.attempts - 1)
+        row.set_aside = row.attempts >= settings.attempts
+        if row.set_aside:
+            record(session, "set aside", f"{row.kind} {row.argument}", reason=reason)
+        return row.set_aside
+
+
+def release_jobs(session: Session, lease: Lease | None = None) -> None:
+    """Give leases back without an attempt: one, or all, of a server that has ended."""
+    leased = select(JobRow).where(JobRow.lease.is_not(None))
+    if lease is not None:
+        leased = leased.where(JobRow.id == lease.job, JobRow.lease == lease.token)
+    for row in session.scalars(leased):
+        row.lease = row.lease_until = None
+
+
+def waiting_runs(session: Session) -> int:
+    """Number of runs that wait for their analysis."""
+    waiting = select(func.count()).where(JobRow.kind == ANALYSE, JobRow.set_aside.is_(False))
+    return int(session.scalar(waiting) or 0)
+
+
+def job_documents(session: Session) -> list[dict[str, Any]]:
+    """Every job, those that are due first."""
+    rows = session.scalars(select(JobRow).order_by(JobRow.set_aside, JobRow.priority, JobRow.id))
+    found = []
+    for row in rows:
+        status = "queued"
+        if row.set_aside:
+            status = "set aside"
+        elif row.lease is not None:
+            status = "running"
+        found.append(
+            {
+                "id": row.id,
+                "kind": row.kind,
+                "argument": row.argument,
+                "status": status,
+                "attempts": row.attempts,
+                "error": row.error,
+                "created_at": row.created_at,
+            }
+        )
+    return found

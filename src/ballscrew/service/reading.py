@@ -1,0 +1,308 @@
+"""Answers of the service: axes, runs, history, state, forecast, jobs, and what changes."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import io
+import json
+from collections.abc import AsyncIterator, Sequence
+from importlib.util import find_spec
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Header
+from fastapi.responses import Response, StreamingResponse
+from sqlalchemy import or_, select
+from sqlalchemy.orm import Session
+from starlette.concurrency import run_in_threadpool
+
+from ballscrew.base.errors import InputError, shown
+from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.service.access import AdminCaller, AnyCaller, RunningService
+from ballscrew.service.jobs import ANALYSE, ASSESS, enqueue, job_documents
+from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_document
+from ballscrew.service.serving import RefusedError, Service
+from ballscrew.store.opened import record
+from ballscrew.store.reading import find_method, list_axes
+from ballscrew.store.showing import show_axis
+from ballscrew.store.tables import (
+    Audit,
+    Axis,
+    JobRow,
+    Model,
+    ResultRow,
+    RunRow,
+    Setup,
+    Upload,
+    unpack,
+)
+
+router = APIRouter(prefix="/api/v1")
+
+_POLL = 0.5  # s between looks for changes
+_QUIET = 15.0  # s after which a line shows that the connection lives
+_MOST_EVENTS = 500  # sent at once
+_COLUMNS = (
+    "run", "measured_at", "mass_kg", "temperature_C", "supersedes", "counts", "quality", "state", "epoch",
+    "stiffness", "stiffness_low", "stiffness_high", "nut", "nut_low", "nut_high",
+)  # fmt: skip
+
+
+@router.get("/axes")
+def show_axes(caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+    """Every axis with its state."""
+    return fleet_document(service)
+
+
+def fleet_document(service: Service) -> dict[str, Any]:
+    """Every axis with its state; one that cannot be assessed with what is missing."""
+    document = list_axes(service.store)
+    with service.store.read() as session:
+        missing = _all_missing(session)
+    for axis in document["axes"]:
+        _add_missing(axis, missing.get(axis["axis"], []))
+    return document
+
+
+def _add_missing(document: dict[str, Any], missing: list[str]) -> None:
+    """State of an axis that was never assessed."""
+    document["missing"] = missing
+    if document["assessed_at"] is None:
+        document["state"] = document["urgency"] = "not assessed"
+
+
+def missing_of(service: Service, axis: str) -> list[str]:
+    """What an axis lacks to be assessed."""
+    with service.store.read() as session:
+        return _all_missing(session).get(axis, [])
+
+
+def _all_missing(session: Session) -> dict[str, list[str]]:
+    """What each axis lacks to be assessed, where it lacks something."""
+    setups = {row.axis_id: row for row in session.scalars(select(Setup))}
+    with_model = set(session.scalars(select(Model.axis_id)))
+    timed = set(session.scalars(select(RunRow.axis_id).where(RunRow.time.is_not(None)).distinct()))
+    found = {}
+    for axis in session.scalars(select(Axis)):
+        missing, setup = [], setups.get(axis.id)
+        for kind, name in (("sheet", "data sheet"), ("plan", "plan"), ("channels", "channel map")):
+            if setup is None or getattr(setup, kind) is None:
+                missing.append(name)
+        if axis.id not in with_model:
+            missing.append("model")
+        if axis.id not in timed:
+            missing.append("run with a time")
+        found[axis.name] = missing
+    return found
+
+
+@router.get("/axes/{axis}")
+def show_one_axis(axis: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+    """An axis: its set-up, its state and forecast, its runs, alarms, events and exclusions."""
+    return axis_document(service, axis)
+
+
+def axis_document(service: Service, axis: str) -> dict[str, Any]:
+    """An axis, as ``store show --json`` prints it, with what is missing.
+
+    Raises
+    ------
+    RefusedError
+        404 if there is no such axis.
+    """
+    try:
+        document = show_axis(service.store, axis)
+    except InputError as error:
+        raise RefusedError(404, str(error)) from None
+    _add_missing(document, missing_of(service, axis))
+    with service.store.read() as session:
+        refused = (JobRow.kind == ASSESS, JobRow.argument == axis, JobRow.set_aside)
+        reason = session.scalar(select(JobRow.error).where(*refused))
+    if reason is not None:
+        document["reasons"] = [reason]
+    return document
+
+
+@router.get("/axes/{axis}/state")
+def show_state(axis: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+    """State of an axis by its newest assessment; *not assessed* with what is missing."""
+    return _named(
+        axis_document(service, axis),
+        "axis", "state", "urgency", "last_state", "changed_at", "assessed_at", "newest_at", "alarm_at",
+        "stiffness", "missing", "reasons",
+    )  # fmt: skip
+
+
+@router.get("/axes/{axis}/forecast")
+def show_forecast(axis: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+    """Remaining useful life of an axis by its newest assessment."""
+    document = axis_document(service, axis)
+    document["rul_days"] = {"quantiles": document["rul_days"]}
+    return _named(document, "axis", "state", "assessed_at", "newest_at", "rul_days", "missing")
+
+
+def _named(document: dict[str, Any], *names: str) -> dict[str, Any]:
+    return {"schema": SCHEMA} | {name: document[name] for name in names}
+
+
+@router.get("/axes/{axis}/runs")
+def show_runs(axis: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+    """Runs of an axis in time order, and what became of those that were sent, also of conflicts."""
+    runs = axis_document(service, axis)["runs"]
+    with service.store.read() as session:
+        found = select(Upload).join(Axis, Axis.id == Upload.axis_id).where(Axis.name == axis)
+        sent = [upload_document(row) for row in session.scalars(found.order_by(Upload.id))]
+    return {"schema": SCHEMA, "axis": axis, "runs": runs, "sent": sent}
+
+
+@router.get("/axes/{axis}/history")
+def show_history(
+    axis: str,
+    caller: AdminCaller,  # noqa: ARG001
+    service: RunningService,
+    format: Literal["json", "csv", "parquet"] = "json",  # noqa: A002
+) -> Response:
+    """History of an axis, a row for each run, as JSON, CSV or Parquet."""
+    rows = [_history_row(run) for run in axis_document(service, axis)["runs"]]
+    if format == "json":
+        text = json.dumps({"schema": SCHEMA, "axis": axis, "history": rows})
+        return Response(text, media_type="application/json")
+    if format == "csv":
+        stream = io.StringIO()
+        writer = csv.DictWriter(stream, _COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        return Response(stream.getvalue(), media_type="text/csv")
+    if find_spec("pyarrow") is None:
+        raise InputError("Parquet needs pyarrow on the server: python -m pip install 'ballscrew[parquet]'.")
+    import pandas as pd
+
+    content = io.BytesIO()
+    pd.DataFrame(rows, columns=list(_COLUMNS)).to_parquet(content, index=False)
+    return Response(content.getvalue(), media_type="application/vnd.apache.parquet")
+
+
+def _history_row(run: dict[str, Any]) -> dict[str, Any]:
+    row = {name: run.get(name) for name in _COLUMNS}
+    for name in ("stiffness", "nut"):
+        row[name], row[f"{name}_low"], row[f"{name}_high"] = run[name] or (None, None, None)
+    return row
+
+
+@router.get("/runs/{run}")
+def show_run(run: str, caller: AnyCaller, service: RunningService) -> dict[str, Any]:
+    """A run by its content id or by the id of its result: what became of it, and its RUN.json.
+
+    The token of a machine shows the runs of this machine.
+    """
+    with service.store.read() as session:
+        sent = session.scalars(
+            select(Upload).where(or_(Upload.content == run, Upload.run == run)).order_by(Upload.id)
+        ).all()
+        identity = next((row.run for row in sent if row.run is not None), run)
+        row = session.scalar(select(RunRow).where(RunRow.run == identity))
+        axis = _axis_of(session, sent, row)
+        if caller.machine is not None and (axis is None or axis.machine_id != caller.machine):
+            raise RefusedError(403, "the token of a machine shows the runs of this machine.")
+        if axis is None:
+            raise RefusedError(404, f"there is no run {shown(run)}.")
+        document = {"schema": SCHEMA, "axis": axis.name, "sent": [upload_document(each) for each in sent]}
+        document["run"] = None if row is None else _result(session, axis, row)
+        return document
+
+
+def _axis_of(session: Session, sent: Sequence[Upload], row: RunRow | None) -> Axis | None:
+    """Axis of a run that was sent or added; None if there is none."""
+    if row is not None:
+        return session.get(Axis, row.axis_id)
+    if sent:
+        return session.get(Axis, sent[0].axis_id)
+    return None
+
+
+def _result(session: Session, axis: Axis, row: RunRow) -> Any:
+    """RUN.json of a run by the method of the history of its axis, or else by any."""
+    method = find_method(session, axis)
+    found = session.scalars(select(ResultRow).where(ResultRow.run_id == row.id).order_by(ResultRow.id)).all()
+    best = [result for result in found if method is not None and result.method_id == method.id]
+    return unpack((best or found)[0].document)
+
+
+@router.get("/jobs")
+def show_jobs(caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+    """Jobs that wait, run, or were set aside with their reasons."""
+    with service.store.read() as session:
+        return {"schema": SCHEMA, "jobs": job_documents(session)}
+
+
+@router.post("/jobs/{job}/retry")
+def retry_job(job: int, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
+    """Try a job again that was set aside."""
+    with service.store.write("retry") as session:
+        row = session.get(JobRow, job) if job < 1 << 31 else None
+        if row is None or not row.set_aside:
+            raise RefusedError(404, "there is no such job that was set aside; GET /api/v1/jobs lists them.")
+        if row.kind == ANALYSE:
+            waiting = (Upload.content == row.argument, Upload.status == SET_ASIDE)
+            for upload in session.scalars(select(Upload).where(*waiting)):
+                upload.status, upload.error, upload.finished_at = QUEUED, None, None
+        enqueue(session, row.kind, row.argument)
+        record(session, "retry", f"{row.kind} {row.argument}", by=caller.name)
+    service.announce()
+    return {"schema": SCHEMA, "id": job, "status": QUEUED}
+
+
+@router.get("/events")
+def stream_events(
+    caller: AdminCaller,  # noqa: ARG001
+    service: RunningService,
+    last_event_id: Annotated[str | None, Header()] = None,
+) -> StreamingResponse:
+    """What changes, as server-sent events; after ``Last-Event-ID`` without a gap."""
+    after = None
+    if last_event_id is not None and last_event_id.isdecimal():
+        after = min(int(last_event_id), 1 << 31)
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    return StreamingResponse(_events(service, after), media_type="text/event-stream", headers=headers)
+
+
+async def _events(service: Service, after: int | None) -> AsyncIterator[str]:
+    """Rows of the audit as they are written."""
+    if after is None:
+        after = await run_in_threadpool(_newest, service)
+    yield ": connected\n\n"
+    changes, quiet = -1, 0.0
+    while True:
+        if changes != service.changes:
+            changes, quiet = service.changes, 0.0
+            rows = await run_in_threadpool(_rows_after, service, after)
+            for number, text in rows:
+                after = number
+                yield text
+            if len(rows) == _MOST_EVENTS:  # there may be more
+                changes = -1
+                continue
+        if service.stopping.is_set():
+            return
+        await asyncio.sleep(_POLL)
+        quiet += _POLL
+        if quiet >= _QUIET:
+            quiet = 0.0
+            yield ": nothing new\n\n"
+
+
+def _newest(service: Service) -> int:
+    with service.store.read() as session:
+        return session.scalar(select(Audit.id).order_by(Audit.id.desc()).limit(1)) or 0
+
+
+def _rows_after(service: Service, after: int) -> list[tuple[int, str]]:
+    with service.store.read() as session:
+        rows = session.scalars(
+            select(Audit).where(Audit.id > after).order_by(Audit.id).limit(_MOST_EVENTS)
+        ).all()
+    found = []
+    for row in rows:
+        document = {"at": row.at, "action": row.action, "subject": row.subject, **row.detail}
+        found.append((row.id, f"id: {row.id}\nevent: change\ndata: {json.dumps(document)}\n\n"))
+    return found

@@ -1,0 +1,219 @@
+"""``ballscrew serve``: one process that holds the store, its workers, and uvicorn."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+import signal
+import socket
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from sqlalchemy import select
+
+from ballscrew.base.errors import InputError
+from ballscrew.service.alarms import watch_for_silence, write_messages
+from ballscrew.service.app import create_app
+from ballscrew.service.jobs import release_jobs, request_assessment
+from ballscrew.service.serving import ServedStore, Service
+from ballscrew.service.settings import ServerSettings, default_folder, origins, read_settings
+from ballscrew.service.uploads import recover_uploads
+from ballscrew.service.working import Worker
+from ballscrew.store.folder import DataFolder
+from ballscrew.store.opened import create_store
+from ballscrew.store.tables import Axis
+
+_log = logging.getLogger("ballscrew.service")
+
+_PERIOD = 30.0  # s between looks for silence and unused files
+_GRACEFUL = 5  # s that requests have to end
+_WAITING = 2048  # connections that wait to be accepted
+_DAY = 24 * 3600.0
+
+
+class GracefulServer(uvicorn.Server):
+    """A server that a signal ends with exit status 0, after requests and workers have ended.
+
+    Parameters
+    ----------
+    config : uvicorn.Config
+        Its configuration.
+    service : Service
+        What is to stop.
+    """
+
+    def __init__(self, config: uvicorn.Config, service: Service) -> None:
+        super().__init__(config)
+        self.service = service
+
+    def handle_exit(self, sig: int, frame: Any) -> None:  # noqa: ARG002  as uvicorn calls it
+        """Stop streams, and then the server; the signal is not raised again."""
+        self.service.stopping.set()
+        if self.should_exit and sig == signal.SIGINT:
+            self.force_exit = True
+        self.should_exit = True
+
+
+def serve(
+    data: str | Path | None = None, *, config: str | Path | None = None, quiet: bool = False, **options: Any
+) -> None:
+    """Serve a store over HTTP, until a signal.
+
+    Parameters
+    ----------
+    data : path-like, optional
+        Data folder of the store, created if missing; by default in the user's data directory.
+    config : path-like, optional
+        File of settings; by default ``server.toml`` in the data folder.
+    quiet : bool
+        Whether the address is not printed.
+    **options
+        Settings, such as ``port``; they override the environment and the file.
+
+    Raises
+    ------
+    InputError
+        If a setting is wrong, the store is in use, or the address cannot be listened on.
+    """
+    folder = Path(data) if data is not None else default_folder()
+    settings = read_settings(folder, None if config is None else Path(config), options)
+    problems = settings.problems()
+    if problems:
+        raise InputError(problems[0])
+    if not DataFolder(folder).exists():
+        create_store(folder)
+    with DataFolder(folder).locked("serve", serving=True), _listening(settings) as listener:
+        service = Service(ServedStore(folder), settings)
+        _recover(service)
+        workers = [Worker(service, number) for number in range(settings.workers)]
+        server = GracefulServer(_uvicorn_config(service, workers), service)
+        host, port = listener.getsockname()[:2]
+        scheme = "http" if settings.certificate is None else "https"
+        if not quiet:
+            shown_host = f"[{host}]" if ":" in host else host
+            print(f"Serving {folder} at {scheme}://{shown_host}:{port}", flush=True)  # noqa: T201
+        with _working(service, workers):
+            server.run(sockets=[listener])
+
+
+@contextmanager
+def _listening(settings: ServerSettings) -> Iterator[socket.socket]:
+    """A socket that listens."""
+    try:
+        family, _, _, _, address = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[
+            0
+        ]
+        listener = socket.socket(family)
+    except OSError as error:
+        raise InputError(
+            f"{settings.host}: is no address of this computer ({error.strerror or error})."
+        ) from None
+    with listener:
+        try:
+            if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows would share the port
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
+            else:
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind(address)
+        except OSError as error:
+            where = f"{settings.host}:{settings.port}"
+            raise InputError(f"{where}: cannot be listened on ({error.strerror or error}).") from None
+        yield listener
+
+
+def _uvicorn_config(service: Service, workers: Sequence[Worker]) -> uvicorn.Config:
+    settings = service.settings
+    return uvicorn.Config(
+        create_app(service, workers),
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        backlog=_WAITING,
+        timeout_graceful_shutdown=_GRACEFUL,
+        ssl_certfile=settings.certificate,
+        ssl_keyfile=settings.private_key,
+    )
+
+
+def _recover(service: Service) -> None:
+    """Go on where an earlier server ended: its leases are void, its messages are written."""
+    shutil.rmtree(service.scratch, ignore_errors=True)
+    for folder in (service.scratch, service.partial):
+        folder.mkdir(exist_ok=True)
+    recover_uploads(service)
+    with service.store.write("recover") as session:
+        release_jobs(session)
+        for axis in session.scalars(select(Axis)):
+            write_messages(session, axis)
+            if axis.changed_at is not None:
+                request_assessment(session, axis)
+
+
+@contextmanager
+def _working(service: Service, workers: Sequence[Worker]) -> Iterator[None]:
+    """Workers and regular tasks, as long as the block lasts."""
+    keeper = threading.Thread(target=_run_regularly, args=(service,), name="regular tasks", daemon=True)
+    for thread in (*(worker.thread for worker in workers), keeper):
+        thread.start()
+    try:
+        yield
+    finally:
+        service.stopping.set()
+        service.announce()
+        for worker in workers:
+            worker.thread.join()
+        keeper.join()
+
+
+def _run_regularly(service: Service) -> None:
+    while not service.stopping.is_set():
+        try:
+            watch_for_silence(service)
+            remove_unused(service)
+        except Exception:  # noqa: BLE001  they go on, whatever it is
+            _log.exception("regular tasks")
+        service.stopping.wait(_PERIOD)
+
+
+def remove_unused(service: Service) -> None:
+    """Remove incomplete uploads and files of no run that are old.
+
+    Parameters
+    ----------
+    service : Service
+        The service.
+    """
+    oldest = time.time() - service.settings.unused_days * _DAY
+    for path in service.partial.iterdir():
+        with suppress(OSError):  # it may just have been completed
+            if path.stat().st_mtime < oldest:
+                path.unlink()
+
+
+def check(
+    data: str | Path | None = None, *, config: str | Path | None = None, **options: Any
+) -> tuple[dict[str, tuple[Any, str]], list[str]]:
+    """Settings of a server, where each comes from, and what is wrong.
+
+    Parameters
+    ----------
+    data, config, **options
+        As for :func:`serve`.
+
+    Returns
+    -------
+    tuple
+        Value and origin of each setting by its name; a sentence for each problem.
+    """
+    folder = Path(data) if data is not None else default_folder()
+    path = None if config is None else Path(config)
+    settings = read_settings(folder, path, options)
+    found = {}
+    for name, origin in origins(folder, path, options).items():
+        found[name] = (getattr(settings, name), origin)
+    return found, settings.problems()

@@ -1,0 +1,181 @@
+"""What all parts of the service share: the store with its one writer, settings, refusals, what changed."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+import threading
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from sqlalchemy.orm import Session
+from starlette.exceptions import HTTPException
+
+from ballscrew.base.errors import BallscrewError, InputError, printable
+from ballscrew.service.settings import ServerSettings
+from ballscrew.store.database import translated
+from ballscrew.store.opened import OpenStore
+
+_log = logging.getLogger("ballscrew.service")
+
+TOO_LARGE, UNPROCESSABLE, TOO_MANY, UNAVAILABLE, FULL = 413, 422, 429, 503, 507
+
+
+class RefusedError(BallscrewError):
+    """A request that is refused.
+
+    Parameters
+    ----------
+    status : int
+        HTTP status.
+    message : str
+        A sentence.
+    headers : mapping, optional
+        Of the answer.
+    document : mapping, optional
+        More of the answer than the sentence.
+    """
+
+    def __init__(
+        self,
+        status: int,
+        message: str,
+        headers: Mapping[str, str] | None = None,
+        document: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.status = status
+        self.headers = dict(headers or {})
+        self.document = dict(document or {})
+
+
+class ServedStore(OpenStore):
+    """A store whose lock this process holds for as long as it serves: its threads write in turn."""
+
+    def __init__(self, path: str | Path) -> None:
+        super().__init__(path)
+        self._turn = threading.RLock()
+
+    @contextmanager
+    def read(self) -> Iterator[Session]:
+        """As :meth:`OpenStore.read`; what is wrong with the database is a refusal."""
+        with _available(), super().read() as session:
+            yield session
+
+    @contextmanager
+    def write(self, purpose: str) -> Iterator[Session]:  # noqa: ARG002  the lock is held already
+        """As :meth:`OpenStore.write`, among the threads of this process."""
+        self.check_writable()
+        with (
+            self._turn,
+            _available(),
+            translated(self.path),
+            Session(self.engine(writing=True)) as session,
+            session.begin(),
+        ):
+            yield session
+
+    def check_writable(self) -> None:
+        """Refuse to write to a damaged store."""
+        try:
+            self.folder.check_writable()
+        except InputError as error:
+            raise RefusedError(UNAVAILABLE, str(error)) from None
+
+
+@contextmanager
+def _available() -> Iterator[None]:
+    """Sentences about the database as refusals: the sender may try again."""
+    try:
+        yield
+    except InputError as error:
+        if error.__cause__ is None:  # what was sent is wrong
+            raise
+        status = FULL if "full" in str(error) else UNAVAILABLE
+        raise RefusedError(status, str(error), {"Retry-After": "60"}) from error
+
+
+@dataclass
+class Service:
+    """A service that runs.
+
+    Parameters
+    ----------
+    store : ServedStore
+        The store.
+    settings : ServerSettings
+        Settings.
+    """
+
+    store: ServedStore
+    settings: ServerSettings
+    changes: int = 0
+    stopping: threading.Event = field(default_factory=threading.Event)
+    work: threading.Condition = field(default_factory=threading.Condition)
+    refusals: Counter[int] = field(default_factory=Counter)
+
+    @property
+    def partial(self) -> Path:
+        """Folder of files that are received."""
+        return self.store.path / "partial"
+
+    @property
+    def scratch(self) -> Path:
+        """Folder of the temporary files of workers."""
+        return self.store.path / "scratch"
+
+    def announce(self) -> None:
+        """Wake those that wait for work or for changes."""
+        with self.work:
+            self.changes += 1
+            self.work.notify_all()
+
+    def free_bytes(self) -> int:
+        """Free space of the disk of the raw files."""
+        return shutil.disk_usage(self.store.folder.files).free
+
+
+def service_of(request: Request) -> Service:
+    """The service of a request."""
+    found: Service = request.app.state.service
+    return found
+
+
+def answer_errors(app: FastAPI) -> None:
+    """Answer refusals, what was wrong in what was sent, and bugs, each with a sentence."""
+    app.add_exception_handler(BallscrewError, _refuse)
+    app.add_exception_handler(RequestValidationError, _refuse_invalid)
+    app.add_exception_handler(HTTPException, _refuse_http)
+    app.add_exception_handler(Exception, _report)
+
+
+def _refuse(request: Request, error: Exception) -> JSONResponse:  # noqa: ARG001  as Starlette calls it
+    """Answer of a refusal, or of what was wrong in what was sent."""
+    if isinstance(error, RefusedError):
+        return JSONResponse({"detail": str(error), **error.document}, error.status, error.headers)
+    return JSONResponse({"detail": str(error)}, UNPROCESSABLE)
+
+
+def _refuse_invalid(request: Request, error: Exception) -> JSONResponse:  # noqa: ARG001
+    """Sentence about a parameter or a body that is not valid."""
+    first = cast("RequestValidationError", error).errors()[0]
+    place = ".".join(map(str, first["loc"]))
+    return JSONResponse({"detail": printable(f"{place}: {first['msg']}.")}, UNPROCESSABLE)
+
+
+def _refuse_http(request: Request, error: Exception) -> JSONResponse:  # noqa: ARG001
+    found = cast("HTTPException", error)
+    return JSONResponse({"detail": f"{found.detail}."}, found.status_code, found.headers)
+
+
+def _report(request: Request, error: Exception) -> JSONResponse:
+    """Answer of a bug."""
+    _log.error("%s %s", request.method, request.url.path, exc_info=error)
+    return JSONResponse({"detail": "unexpected error: this is a bug; see the server's log."}, 500)

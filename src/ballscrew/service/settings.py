@@ -1,0 +1,171 @@
+"""Settings of the service: options, environment, ``server.toml``, defaults, in this order."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, ValidationError
+from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
+
+from ballscrew.base.errors import InputError, shown
+from ballscrew.base.tomlfile import read_toml
+
+PREFIX = "BALLSCREW_SERVER_"
+"""Beginning of the names of environment variables."""
+
+CONFIG = "server.toml"
+
+
+class ServerSettings(BaseSettings):
+    """Settings of ``ballscrew serve``.
+
+    Each is a key of ``server.toml``, and in capitals, after ``BALLSCREW_SERVER_``, an environment variable.
+    """
+
+    model_config = SettingsConfigDict(env_prefix=PREFIX, extra="forbid", frozen=True)
+
+    host: str = Field("127.0.0.1", description="Address to listen on.")
+    port: int = Field(8000, ge=0, le=65535, description="Port to listen on; 0 for any that is free.")
+    workers: int = Field(
+        max(1, min(4, (os.cpu_count() or 2) - 1)), ge=1, le=64, description="Processes that analyse."
+    )
+    method: str = Field("joint", pattern="^(joint|paper)$", description="Method of the analysis.")
+    allowed_hosts: tuple[str, ...] = Field(
+        (), description="Names by which clients may address the server, besides those of this computer."
+    )
+    allow_plain_http: bool = Field(
+        False, description="Permit to listen off loopback without TLS; tokens then travel unencrypted."
+    )
+    certificate: Path | None = Field(None, description="Certificate chain for TLS, PEM.")
+    private_key: Path | None = Field(None, description="Private key of the certificate, PEM.")
+    max_file_bytes: int = Field(1 << 30, ge=1, description="Largest file that is received.")
+    max_queue: int = Field(1000, ge=1, description="Runs that may wait; more are refused with 429.")
+    min_free_bytes: int = Field(
+        1 << 30, ge=0, description="Free space of the disk below which files are refused with 507."
+    )
+    lease_s: float = Field(
+        600.0, gt=0, description="Time that an analysis may take before its process is killed."
+    )
+    attempts: int = Field(3, ge=1, description="Attempts after which a run is set aside.")
+    back_off_s: float = Field(30.0, ge=0, description="Pause before the second attempt; doubled each time.")
+    upload_idle_s: float = Field(30.0, gt=0, description="Time without a byte that ends an upload.")
+    unused_days: float = Field(
+        7.0, gt=0, description="Age at which incomplete uploads, and files of no run, are removed."
+    )
+
+    @property
+    def on_loopback(self) -> bool:
+        """Whether only this computer can reach the server."""
+        if self.host == "localhost":
+            return True
+        with suppress(ValueError):
+            return ipaddress.ip_address(self.host).is_loopback
+        return False
+
+    def problems(self) -> list[str]:
+        """What is wrong with the settings together, a sentence each."""
+        found = []
+        if (self.certificate is None) != (self.private_key is None):
+            found.append("TLS needs both certificate and private_key.")
+        for name in ("certificate", "private_key"):
+            path = getattr(self, name)
+            if path is not None and not path.is_file():
+                found.append(f"{name}: {path} is no file.")
+        if not self.on_loopback and self.certificate is None and not self.allow_plain_http:
+            found.append(
+                f"{self.host} is not a loopback address: give certificate and private_key, or set "
+                "allow_plain_http, with which tokens travel unencrypted."
+            )
+        return found
+
+
+def read_settings(folder: Path, config: Path | None, options: dict[str, Any]) -> ServerSettings:
+    """Settings of a server.
+
+    Parameters
+    ----------
+    folder : Path
+        Data folder, which may contain ``server.toml``.
+    config : Path or None
+        Another file instead.
+    options : dict
+        Options that were given; they override the environment, which overrides the file.
+
+    Returns
+    -------
+    ServerSettings
+        Valid each; :meth:`ServerSettings.problems` lists what is wrong with them together.
+
+    Raises
+    ------
+    InputError
+        If one is wrong or unknown.
+    """
+    path = config_path(folder, config)
+    stated = {} if path is None else read_toml(path).table
+    unknown = set(stated) - set(ServerSettings.model_fields)
+    if unknown:
+        name = sorted(unknown)[0]
+        raise InputError(f"{path}: {name} is not a known setting.")
+    # pydantic reads the environment, which the file must not override.
+    given = {name: value for name, value in stated.items() if not _environment(name)} | options
+    try:
+        return ServerSettings(**given)
+    except SettingsError as error:
+        raise InputError(f"{PREFIX}*: {error}.") from None
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = str((*first["loc"], "the settings")[0])
+        origin = origins(folder, config, options).get(name, "settings")
+        raise InputError(f"{origin}: {name} is {shown(first['input'])}: {first['msg']}.") from None
+
+
+def config_path(folder: Path, config: Path | None) -> Path | None:
+    """File of settings; None where there is none.
+
+    Raises
+    ------
+    InputError
+        If the one that was given does not exist.
+    """
+    if config is None:
+        config = folder / CONFIG
+        return config if config.is_file() else None
+    if not config.is_file():
+        raise InputError(f"{config}: there is no such file.")
+    return config
+
+
+def origins(folder: Path, config: Path | None, options: dict[str, Any]) -> dict[str, str]:
+    """Where each setting comes from: option, an environment variable, the file, or default."""
+    path = config_path(folder, config)
+    stated = {} if path is None else read_toml(path).table
+    found = {}
+    for name in ServerSettings.model_fields:
+        found[name] = "default"
+        if name in stated:
+            found[name] = str(path)
+        if _environment(name):
+            found[name] = f"{PREFIX}{name.upper()}"
+        if name in options:
+            found[name] = "option"
+    return found
+
+
+def _environment(name: str) -> str:
+    return os.environ.get(f"{PREFIX}{name.upper()}", "")
+
+
+def default_folder() -> Path:
+    """Data folder in the user's data directory."""
+    if sys.platform == "win32":
+        base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
+        return Path(base) / "ballscrew"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Application Support" / "ballscrew"
+    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "ballscrew"

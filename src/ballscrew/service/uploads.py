@@ -1,0 +1,234 @@
+"""Files of runs over HTTP: streamed to the disk, resumable, stored durably before they are confirmed."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Request, Response
+from fastapi import Path as InPath
+from sqlalchemy.orm import Session
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect
+
+from ballscrew.base.errors import InputError, shown
+from ballscrew.service.access import AnyCaller, RunningService, find_sent_axis
+from ballscrew.service.serving import FULL, TOO_LARGE, UNAVAILABLE, UNPROCESSABLE, RefusedError, Service
+from ballscrew.store.folder import now
+from ballscrew.store.raw_files import INCOMING, path_of, put_file
+from ballscrew.store.tables import RawFile
+
+router = APIRouter(prefix="/api/v1/axes/{axis}/runs/{run}")
+
+_BLOCK = 1 << 20
+_RANGE = re.compile(r"bytes (\d{1,15})-(\d{1,15})/(\d{1,15})")
+COMPLETE, OFFSET = "Upload-Complete", "Upload-Offset"
+
+Sha256 = Annotated[str, InPath(pattern="^[0-9a-f]{64}$", description="SHA-256 of the content of the file.")]
+RunKey = Annotated[
+    str,
+    InPath(
+        min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$", description="Sender's name of the run."
+    ),
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of a file, from ``start`` to before ``stop`` of ``total``; None where it is not stated."""
+
+    start: int
+    stop: int | None
+    total: int | None
+
+
+def may_send(axis: str, caller: AnyCaller, service: RunningService) -> None:
+    """Refuse an axis that does not exist, or is not of the caller's machine."""
+    with service.store.read() as session:
+        find_sent_axis(session, axis, caller)
+
+
+@router.head("/files/{sha256}", dependencies=[Depends(may_send)], status_code=204)
+def show_file(run: RunKey, sha256: Sha256, service: RunningService) -> Response:  # noqa: ARG001
+    """How much of a file is there: 200 with ``Upload-Complete: ?1``, or 204, both with ``Upload-Offset``."""
+    size = stored_size(service, sha256)
+    if size is not None:
+        return Response(status_code=200, headers={OFFSET: str(size), COMPLETE: "?1"})
+    return Response(status_code=204, headers={OFFSET: str(_offset(service, sha256)), COMPLETE: "?0"})
+
+
+@router.put("/files/{sha256}", dependencies=[Depends(may_send)], status_code=201)
+async def receive_file(request: Request, run: RunKey, sha256: Sha256, service: RunningService) -> Response:  # noqa: ARG001
+    """Receive a file, or with ``Content-Range`` a part of it, and store it durably."""
+    part = _part(request)
+    if await run_in_threadpool(stored_size, service, sha256) is not None:
+        async for _ in _blocks(request, service):
+            pass
+        return Response(status_code=200, headers={COMPLETE: "?1"})
+    _check_space(service, part)
+    receiving = request.app.state.receiving
+    offset = _offset(service, sha256)
+    if sha256 in receiving:
+        raise _wrong_offset("the file is being received from another sender.", offset)
+    if part.stop is not None and part.start != offset:
+        raise _wrong_offset(f"the part begins at {part.start}; {offset} bytes are there.", offset)
+    receiving.add(sha256)
+    try:
+        size = await _write(request, service, service.partial / sha256, part)
+        if part.total is not None and size < part.total:
+            return Response(status_code=202, headers={OFFSET: str(size), COMPLETE: "?0"})
+        await run_in_threadpool(_store, service, service.partial / sha256, sha256)
+    finally:
+        receiving.discard(sha256)
+    return Response(status_code=201, headers={COMPLETE: "?1"})
+
+
+def _wrong_offset(message: str, offset: int) -> RefusedError:
+    return RefusedError(409, message, {OFFSET: str(offset), COMPLETE: "?0", "Retry-After": "1"})
+
+
+def _part(request: Request) -> Part:
+    """Which part of a file a request contains."""
+    length = request.headers.get("content-length")
+    given = request.headers.get("content-range")
+    if given is None:
+        return Part(0, None, int(length) if length else None)
+    match = _RANGE.fullmatch(given)
+    if match is None:
+        raise RefusedError(
+            UNPROCESSABLE, f"Content-Range is {shown(given)}; it must be bytes FIRST-LAST/TOTAL."
+        )
+    start, last, total = map(int, match.groups())
+    if not start <= last < total:
+        raise RefusedError(
+            UNPROCESSABLE, f"Content-Range is {shown(given)}: FIRST, LAST and TOTAL do not fit."
+        )
+    if length is not None and int(length) != last + 1 - start:
+        raise RefusedError(
+            UNPROCESSABLE, f"the part has {length} bytes, Content-Range states {last + 1 - start}."
+        )
+    return Part(start, last + 1, total)
+
+
+def _check_space(service: Service, part: Part) -> None:
+    settings, size = service.settings, part.total or 0
+    if size > settings.max_file_bytes:
+        raise _too_large(service)
+    service.store.check_writable()
+    if service.free_bytes() - size < settings.min_free_bytes:
+        raise RefusedError(FULL, "the disk is full.", {"Retry-After": "600"})
+
+
+def _too_large(service: Service) -> RefusedError:
+    most = service.settings.max_file_bytes
+    return RefusedError(TOO_LARGE, f"the file is larger than {most} bytes (max_file_bytes).")
+
+
+async def _blocks(request: Request, service: Service) -> AsyncIterator[bytes]:
+    """Body of a request in blocks; refuses one that is too large or comes too slowly."""
+    block, size = bytearray(), 0
+    stream = request.stream().__aiter__()
+    while True:
+        try:
+            async with asyncio.timeout(service.settings.upload_idle_s):
+                chunk = await anext(stream, None)
+        except TimeoutError:
+            raise RefusedError(408, "no byte has come for too long.") from None
+        if chunk is None:
+            break
+        size += len(chunk)
+        if size > service.settings.max_file_bytes:
+            raise _too_large(service)
+        block += chunk
+        if len(block) >= _BLOCK:
+            yield bytes(block)
+            block.clear()
+    yield bytes(block)
+
+
+async def _write(request: Request, service: Service, path: Path, part: Part) -> int:
+    """Append a part to an incomplete file, or begin it anew; its size then."""
+    size = part.start
+    mode = "r+b" if part.start else "wb"
+    try:
+        with path.open(mode) as stream:
+            stream.seek(size)
+            async for block in _blocks(request, service):
+                size += len(block)
+                if size > min(part.stop or size, service.settings.max_file_bytes):
+                    raise _too_large(service)
+                await run_in_threadpool(stream.write, block)
+            await run_in_threadpool(stream.flush)
+    except OSError as error:
+        raise _no_disk(str(error.strerror or error)) from None
+    except ClientDisconnect:  # what has come stays, and can be resumed
+        raise RefusedError(400, "the connection was closed.") from None
+    if part.stop is not None and size != part.stop:
+        raise RefusedError(UNPROCESSABLE, f"the part ends at {size}; Content-Range states {part.stop}.")
+    return size
+
+
+def _no_disk(reason: str) -> RefusedError:
+    """RefusedError after an error of the disk."""
+    if "space" in reason or "quota" in reason:
+        return RefusedError(FULL, f"the file cannot be stored ({reason}).", {"Retry-After": "600"})
+    return RefusedError(UNAVAILABLE, f"the file cannot be stored ({reason}).", {"Retry-After": "60"})
+
+
+def _store(service: Service, path: Path, sha256: str) -> None:
+    """Move a complete file into the store, durably."""
+    try:
+        stored = put_file(service.store.folder.files, path, sha256)
+    except InputError as error:
+        if "has changed" not in str(error):
+            raise _no_disk(str(error)) from None
+        path.unlink(missing_ok=True)
+        raise RefusedError(UNPROCESSABLE, "the content of the file has another SHA-256.") from None
+    with service.store.write("receive") as session:
+        row = session.get(RawFile, sha256)
+        if row is None:
+            row = RawFile(sha256=sha256, size=stored.size, added_at=now())
+            session.add(row)
+        row.stored_size, row.compression, row.archived_to = stored.stored_size, stored.compression, None
+    path.unlink(missing_ok=True)
+
+
+def recover_uploads(service: Service) -> None:
+    """Remove what a server that was killed left behind: files without a row, and incomplete copies.
+
+    A file is in ``partial`` until its row is there, so that these are all.
+    """
+    files = service.store.folder.files
+    for path in files.glob(f"{INCOMING}*"):
+        path.unlink(missing_ok=True)
+    for path in service.partial.iterdir():
+        if stored_size(service, path.name) is not None:
+            path.unlink()
+            continue
+        for compression in ("none", "zstd"):
+            path_of(files, path.name, compression).unlink(missing_ok=True)
+
+
+def stored_size(service: Service, sha256: str) -> int | None:
+    """Size of a file that is in the store; None if it is not."""
+    with service.store.read() as session:
+        row = raw_file(session, sha256)
+        return None if row is None else row.size
+
+
+def raw_file(session: Session, sha256: str) -> RawFile | None:
+    """Row of a raw file whose content is in the store."""
+    row = session.get(RawFile, sha256)
+    if row is None or row.archived_to is not None:
+        return None
+    return row
+
+
+def _offset(service: Service, sha256: str) -> int:
+    """Bytes of a file that is incomplete."""
+    path = service.partial / sha256
+    return path.stat().st_size if path.is_file() else 0

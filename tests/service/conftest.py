@@ -1,0 +1,123 @@
+"""Services without a process: a store, an application, and a client that calls it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Iterator
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from tests.simulated_bench import AXIS, PLAN
+from tests.store.stored import RUNS
+
+from ballscrew.base.jsonfile import write_json
+from ballscrew.service.app import create_app
+from ballscrew.service.jobs import ASSESS, lease_job
+from ballscrew.service.serving import ServedStore, Service
+from ballscrew.service.settings import ServerSettings
+from ballscrew.service.working import do_task, finish, task_of
+from ballscrew.store.opened import create_store
+
+CHANNELS = '[[channel]]\nsource = "a"\nquantity = "torque"\nunit = "N m"\n'
+RUN_TOML = """channels = "c.toml"
+load = "100 kg"
+measured_at = 2026-01-01T08:00:00Z
+files = ["a.h5", "b.h5"]
+"""
+SETUP = {"machine": "mill 4", "site": "hall 2", "sheet": AXIS, "plan": PLAN, "channels": CHANNELS}
+RUN = "/api/v1/axes/bench/runs/r1"
+FILES = {"a.h5": b"trip 1 " * 1000, "b.h5": b"trip 2 " * 1000}
+
+NewService = Callable[..., Service]
+_NUMBERS = count()
+
+
+@pytest.fixture(scope="session")
+def empty_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An empty store, to be copied."""
+    return create_store(tmp_path_factory.mktemp("service") / "store").path
+
+
+@pytest.fixture
+def new_service(tmp_path: Path, empty_store: Path) -> NewService:
+    """Makes services with the given settings."""
+
+    def make(**settings: Any) -> Service:
+        folder = tmp_path / f"store{next(_NUMBERS)}"
+        shutil.copytree(empty_store, folder)
+        service = Service(ServedStore(folder), ServerSettings(**({"min_free_bytes": 0} | settings)))
+        service.partial.mkdir()
+        return service
+
+    return make
+
+
+@pytest.fixture
+def service(new_service: NewService) -> Service:
+    """A service on loopback."""
+    return new_service()
+
+
+@pytest.fixture
+def client(service: Service) -> Iterator[TestClient]:
+    """Client of :func:`service`, with an axis that is set up."""
+    with client_of(service) as client:
+        assert client.put("/api/v1/axes/bench", json=SETUP).status_code == 200
+        yield client
+
+
+def client_of(service: Service, **options: Any) -> TestClient:
+    """A client on this computer."""
+    return TestClient(create_app(service), base_url="http://localhost", **options)
+
+
+def sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def put(client: TestClient, content: bytes, run: str = RUN, **headers: str) -> Any:
+    """Send a file."""
+    return client.put(f"{run}/files/{sha256(content)}", content=content, headers=headers)
+
+
+def body(files: dict[str, bytes] = FILES, **others: Any) -> dict[str, Any]:
+    """What ``complete`` takes."""
+    named = [{"name": name, "sha256": sha256(content)} for name, content in files.items()]
+    return {"files": named, "run_toml": RUN_TOML, "run_json": None, "measured_at": None} | others
+
+
+def send(client: TestClient, run: str = RUN, files: dict[str, bytes] = FILES, **others: Any) -> Any:
+    """Send files and complete the run."""
+    for content in files.values():
+        assert put(client, content, run).status_code in (200, 201)
+    return client.post(f"{run}/complete", json=body(files, **others))
+
+
+def send_result(client: TestClient, number: int, key: str | None = None) -> Any:
+    """Send a run that was analysed at the machine."""
+    content = write_json(RUNS[number].to_json()).encode()
+    run = f"/api/v1/axes/bench/runs/{key or f'analysed-{number}'}"
+    assert put(client, content, run).status_code in (200, 201)
+    return client.post(f"{run}/complete", json={"files": [], "run_json": sha256(content)})
+
+
+def work_off(service: Service, outcome: Callable[[Any], tuple[str, Any]]) -> int:
+    """Analyse by a function instead of workers, and assess, until no job is due; the number of jobs."""
+    done = 0
+    while (lease := lease_job(service)) is not None:
+        if lease.kind == ASSESS:
+            finish(service, lease, *do_task(task_of(service, lease)))
+        else:
+            finish(service, lease, *outcome(lease))
+        done += 1
+    return done
+
+
+def events_of(text: str) -> list[dict[str, Any]]:
+    """Documents of server-sent events."""
+    return [json.loads(line[6:]) for line in text.splitlines() if line.startswith("data: ")]

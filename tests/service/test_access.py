@@ -1,0 +1,155 @@
+"""Every route and every kind of caller; hosts and sites that are not allowed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from fastapi.routing import APIRoute
+from fastapi.testclient import TestClient
+from tests.service.conftest import SETUP, NewService, client_of, send, sha256
+from tests.simulated_bench import AXIS
+from tests.store.stored import count
+
+from ballscrew.base.errors import InputError
+from ballscrew.service.access import create_token, list_tokens, revoke_token
+from ballscrew.service.app import create_app
+from ballscrew.service.serving import Service
+from ballscrew.store.tables import Token
+
+FILE = f"/api/v1/axes/bench/runs/r/files/{sha256(b'x')}"
+ALL, SEND, ADMIN = (200, 200, 200, 200), (401, 200, 403, 200), (401, 403, 403, 200)
+"""Whether none, this machine, another machine and an administrator may use a route: 200 stands for a yes."""
+
+ROUTES = {
+    ("HEAD", "/api/v1/axes/{axis}/runs/{run}/files/{sha256}"): (FILE, SEND),
+    ("PUT", "/api/v1/axes/{axis}/runs/{run}/files/{sha256}"): (FILE, SEND),
+    ("POST", "/api/v1/axes/{axis}/runs/{run}/complete"): ("/api/v1/axes/bench/runs/r/complete", SEND),
+    ("PUT", "/api/v1/axes/{axis}"): ("/api/v1/axes/bench", ADMIN),
+    ("PUT", "/api/v1/axes/{axis}/model"): ("/api/v1/axes/bench/model", ADMIN),
+    ("POST", "/api/v1/axes/{axis}/events"): ("/api/v1/axes/bench/events", ADMIN),
+    ("GET", "/api/v1/axes"): ("/api/v1/axes", ADMIN),
+    ("GET", "/api/v1/axes/{axis}"): ("/api/v1/axes/bench", ADMIN),
+    ("GET", "/api/v1/axes/{axis}/state"): ("/api/v1/axes/bench/state", ADMIN),
+    ("GET", "/api/v1/axes/{axis}/forecast"): ("/api/v1/axes/bench/forecast", ADMIN),
+    ("GET", "/api/v1/axes/{axis}/runs"): ("/api/v1/axes/bench/runs", ADMIN),
+    ("GET", "/api/v1/axes/{axis}/history"): ("/api/v1/axes/bench/history", ADMIN),
+    ("GET", "/api/v1/runs/{run}"): ("/api/v1/runs/{sent}", SEND),
+    ("GET", "/api/v1/jobs"): ("/api/v1/jobs", ADMIN),
+    ("POST", "/api/v1/jobs/{job}/retry"): ("/api/v1/jobs/1/retry", ADMIN),
+    ("GET", "/api/v1/events"): ("/api/v1/events", ADMIN),
+    ("GET", "/api/v1/alarms"): ("/api/v1/alarms", ADMIN),
+    ("POST", "/api/v1/alarms/{alarm}"): ("/api/v1/alarms/alarm-1", ADMIN),
+    ("GET", "/livez"): ("/livez", ALL),
+    ("GET", "/readyz"): ("/readyz", ALL),
+    ("GET", "/metrics"): ("/metrics", ADMIN),
+}
+
+
+@pytest.fixture
+def remote(new_service: NewService) -> Service:
+    """A service off loopback, with an axis on each of two machines."""
+    service = new_service(host="0.0.0.0", allow_plain_http=True)  # noqa: S104
+    local = Service(service.store, service.settings.model_copy(update={"host": "127.0.0.1"}))
+    with client_of(local) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        other = SETUP | {"machine": "mill 5", "sheet": AXIS.replace('"bench"', '"Y axis"')}
+        client.put("/api/v1/axes/Y axis", json=other)
+    return service
+
+
+@pytest.fixture
+def clients(remote: Service) -> Iterator[list[TestClient]]:
+    """Without a token, of this machine, of another, and of an administrator."""
+    found = [client_of(remote, raise_server_exceptions=True)]
+    for machine in ("mill 4", "mill 5", None):
+        _, text = create_token(remote.store, machine)
+        found.append(client_of(remote, headers={"Authorization": f"Bearer {text}"}))
+    remote.stopping.set()  # a stream of events ends at once
+    yield found
+    for client in found:
+        client.close()
+
+
+def test_every_route_and_every_kind_of_caller(clients: list[TestClient], remote: Service) -> None:
+    paths = create_app(remote).openapi()["paths"]
+    routes = {(method.upper(), path) for path, methods in paths.items() for method in methods}
+    assert routes == set(ROUTES)
+    with client_of(remote, headers=clients[3].headers) as admin:
+        sent = send(admin).json()["id"]
+    for (method, _), (path, expected) in ROUTES.items():
+        for client, allowed in zip(clients, expected, strict=True):
+            status = client.request(method, path.format(sent=sent)).status_code
+            if allowed == 200:
+                assert status not in (401, 403), (method, path, status)
+            else:
+                assert status == allowed, (method, path)
+
+
+def test_routes_outside_the_table_are_the_page_and_the_schema(remote: Service) -> None:
+    app = create_app(remote)
+    hidden = [each for each in app.routes if isinstance(each, APIRoute) and not each.include_in_schema]
+    assert hidden == []
+    with client_of(remote) as client:
+        assert client.get("/").status_code == 404
+        assert client.get("/openapi.json").status_code == 200
+        assert client.get("/docs").status_code == 404
+
+
+def test_a_machine_sends_for_its_axes_alone(clients: list[TestClient]) -> None:
+    _, this, other, admin = clients
+    assert this.put(FILE, content=b"x").status_code == 201
+    assert other.put(FILE.replace("bench", "Y axis"), content=b"x").status_code == 200
+    for client in (other, this):
+        status = client.put(FILE.replace("bench", "none"), content=b"x").status_code
+        assert status == 403  # whether there is such an axis is not shown
+    assert admin.put(FILE.replace("bench", "none"), content=b"x").status_code == 404
+
+
+@pytest.mark.parametrize("given", ["", "Bearer", "Bearer x", "Basic YTpi", "Bearer bs_\x80", "x" * 10_000])
+def test_what_is_no_token_is_401(remote: Service, given: str) -> None:
+    with client_of(remote) as client:
+        answer = client.get("/api/v1/axes", headers={"Authorization": given.encode("latin-1")})
+    assert (answer.status_code, answer.headers["WWW-Authenticate"]) == (401, "Bearer")
+
+
+def test_a_revoked_token_is_401_and_no_token_is_stored(remote: Service) -> None:
+    number, text = create_token(remote.store, None)
+    with client_of(remote, headers={"Authorization": f"Bearer {text}"}) as client:
+        assert client.get("/api/v1/axes").status_code == 200
+        revoke_token(remote.store, number)
+        revoke_token(remote.store, number)
+        assert client.get("/api/v1/axes").status_code == 401
+    assert count(remote.store, Token) == 1
+    assert list_tokens(remote.store)[0]["revoked_at"] is not None
+    assert text.encode() not in remote.store.folder.sqlite.read_bytes()
+    with pytest.raises(InputError, match="no token 7"):
+        revoke_token(remote.store, 7)
+    with pytest.raises(InputError, match="no machine of the name 'lathe'"):
+        create_token(remote.store, "lathe")
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"Host": "evil.example"}, 400),
+        ({"Host": "localhost.evil.example:8000"}, 400),
+        ({"Host": "["}, 400),
+        ({"Origin": "http://evil.example"}, 403),
+        ({"Origin": "null"}, 403),
+        ({"Origin": "http://localhost:9999"}, 403),
+        ({"Origin": "http://localhost"}, 200),
+        ({"Host": "127.0.0.1:8000"}, 200),
+        ({"Host": "[::1]:8000"}, 200),
+    ],
+)
+def test_other_hosts_and_sites_are_refused_on_loopback(
+    client: TestClient, headers: dict[str, str], status: int
+) -> None:
+    assert client.get("/api/v1/axes", headers=headers).status_code == status
+
+
+def test_hosts_can_be_allowed(new_service: NewService) -> None:
+    with client_of(new_service(allowed_hosts=("plant.example",))) as client:
+        assert client.get("/livez", headers={"Host": "plant.example:443"}).status_code == 200
+        assert client.get("/livez", headers={"Host": "other.example"}).status_code == 400

@@ -1,0 +1,162 @@
+"""Alarms: raised and retracted by assessments, each with one message, and what people do about them."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import select
+from tests.estimation.made_runs import calibrated
+from tests.service.conftest import SETUP, events_of, send, send_result, work_off
+from tests.store.stored import MODEL, RUNS
+
+from ballscrew.calibration.modelfile import model_json
+from ballscrew.service.alarms import watch_for_silence
+from ballscrew.service.serving import Service
+from ballscrew.store.changing import exclude
+from ballscrew.store.tables import Message
+
+
+def assess(service: Service) -> None:
+    """Do what waits; no run waits for an analysis."""
+    work_off(service, lambda _: pytest.fail("no analysis"))
+
+
+def alarms(client: TestClient) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = client.get("/api/v1/alarms").json()["alarms"]
+    return found
+
+
+def messages(service: Service) -> list[tuple[str, str]]:
+    with service.store.read() as session:
+        return [(row.key, row.kind) for row in session.scalars(select(Message).order_by(Message.id))]
+
+
+def act(client: TestClient, alarm: str, action: str, **others: str) -> Any:
+    return client.post(f"/api/v1/alarms/{alarm}", json={"action": action, **others})
+
+
+def test_an_alarm_is_raised_handled_and_retracted(client: TestClient, service: Service) -> None:
+    for number in range(len(RUNS)):
+        assert send_result(client, number).status_code == 202
+    state = client.get("/api/v1/axes/bench/state").json()
+    assert (state["state"], state["missing"]) == ("not assessed", ["model"])
+    assess(service)
+    assert client.get("/api/v1/jobs").json()["jobs"] == []
+    assert client.put("/api/v1/axes/bench/model", json=model_json(MODEL)).status_code == 200
+    assess(service)
+    state = client.get("/api/v1/axes/bench/state").json()
+    assert (state["state"], state["missing"]) == ("alarm", [])
+    assert client.get("/api/v1/axes/bench/forecast").json()["rul_days"]["quantiles"]
+    (alarm,) = alarms(client)
+    assert (alarm["state"], alarm["kind"], alarm["axis"]) == ("raised", "axis", "bench")
+    assert messages(service) == [("alarm-1/1", "raised")]
+    tomorrow = (datetime.now(UTC) + timedelta(days=1)).isoformat()
+    assert act(client, alarm["id"], "acknowledge").json()["state"] == "acknowledged"
+    assert act(client, alarm["id"], "shelve", until=tomorrow).json()["state"] == "shelved"
+    assert act(client, alarm["id"], "close", text="nut was worn").json()["state"] == "closed"
+    for run in RUNS[7:]:
+        exclude(service.store, run.id, reason="loose sensor")
+    note = [{"at": RUNS[0].measured_at, "kind": "note"}]
+    assert client.post("/api/v1/axes/bench/events", json=note).json()["new"]
+    assess(service)
+    assert alarms(client)[0]["state"] == "retracted"
+    assert messages(service) == [("alarm-1/1", "raised"), ("alarm-1/2", "retracted")]
+    assert len(alarms(client)[0]["actions"]) == 3
+
+
+def test_an_axis_that_cannot_be_assessed_says_why(client: TestClient, service: Service) -> None:
+    send_result(client, 0)
+    for model in (MODEL, calibrated(runs=("another",))):
+        assert client.put("/api/v1/axes/bench/model", json=model_json(model)).json()["new"]
+    assess(service)
+    state = client.get("/api/v1/axes/bench/state").json()
+    assert (state["state"], "2 models of the axis" in state["reasons"][0]) == ("not assessed", True)
+    (job,) = client.get("/api/v1/jobs").json()["jobs"]
+    assert (job["kind"], job["status"]) == ("assess", "set aside")
+
+
+@pytest.mark.parametrize(
+    ("alarm", "action", "status"),
+    [
+        ("alarm-9", {"action": "acknowledge"}, 404),
+        ("alarm-9999999999999999999", {"action": "acknowledge"}, 404),
+        ("alarm-²", {"action": "acknowledge"}, 404),
+        ("1", {"action": "acknowledge"}, 404),
+        ("alarm-1", {"action": "close"}, 422),
+        ("alarm-1", {"action": "shelve"}, 422),
+        ("alarm-1", {"action": "shelve", "until": "2001-01-01"}, 422),
+        ("alarm-1", {"action": "shelve", "until": "later"}, 422),
+        ("alarm-1", {"action": "silence"}, 422),
+    ],
+)
+def test_what_cannot_be_done_is_refused(
+    client: TestClient, alarm: str, action: dict[str, str], status: int
+) -> None:
+    answer = client.post(f"/api/v1/alarms/{alarm}", json=action)
+    assert answer.status_code == status
+    assert isinstance(answer.json()["detail"], str)
+
+
+def test_silence_is_raised_once_and_ends_with_the_next_run(client: TestClient, service: Service) -> None:
+    client.put("/api/v1/axes/bench", json=SETUP | {"schedule": {"period_s": 3600, "grace_s": 60}})
+    later = datetime.now(UTC) + timedelta(hours=2)
+    watch_for_silence(service)
+    assert alarms(client) == []
+    for _ in range(2):
+        watch_for_silence(service, later)
+    (alarm,) = alarms(client)
+    assert (alarm["kind"], alarm["state"]) == ("silence", "raised")
+    assert act(client, alarm["id"], "acknowledge").json()["state"] == "acknowledged"
+    send(client)
+    watch_for_silence(service)
+    assert alarms(client)[0]["state"] == "ended"
+    assert messages(service) == [("trouble-1/1", "raised"), ("trouble-1/2", "ended")]
+
+
+def test_a_schedule_that_is_removed_ends_its_alarm(client: TestClient, service: Service) -> None:
+    client.put("/api/v1/axes/bench", json=SETUP | {"schedule": {"period_s": 1}})
+    watch_for_silence(service, datetime.now(UTC) + timedelta(hours=2))
+    client.put("/api/v1/axes/bench", json=SETUP)
+    watch_for_silence(service, datetime.now(UTC) + timedelta(hours=2))
+    assert alarms(client)[0]["state"] == "ended"
+
+
+def test_a_run_that_cannot_be_analysed_is_trouble_with_the_measurement(
+    client: TestClient, service: Service
+) -> None:
+    send(client)
+    work_off(service, lambda _: ("refused", "a.h5: has no channel 'a'."))
+    (alarm,) = alarms(client)
+    assert (alarm["kind"], alarm["text"]) == ("measurement", "a.h5: has no channel 'a'.")
+    assert client.get("/api/v1/axes/bench/state").json()["state"] == "not assessed"
+    files = {"a.h5": b"better", "b.h5": b"run"}
+    send(client, "/api/v1/axes/bench/runs/r2", files)
+    work_off(service, lambda _: ("done", (RUNS[0].to_json(), [])))
+    assert alarms(client)[0]["state"] == "ended"
+
+
+def test_a_preview_of_a_reset_stores_nothing(client: TestClient) -> None:
+    for number in range(8):
+        send_result(client, number)
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    event = [{"at": RUNS[5].measured_at, "kind": "nut replaced"}]
+    found = client.post("/api/v1/axes/bench/events?preview=true", json=event).json()
+    assert (len(found["before"]["epochs"]), len(found["after"]["epochs"])) == (1, 2)
+    assert client.get("/api/v1/axes/bench").json()["events"] == []
+    assert client.post("/api/v1/axes/bench/events", json=event).json()["new"]
+    assert len(client.get("/api/v1/axes/bench").json()["events"]) == 1
+
+
+def test_what_changes_is_streamed_without_a_gap(client: TestClient, service: Service) -> None:
+    send_result(client, 0)
+    service.stopping.set()  # the stream ends
+    everything = client.get("/api/v1/events", headers={"Last-Event-ID": "0"}).text
+    subjects = [event["subject"] for event in events_of(everything)]
+    assert subjects[0] == "axis bench" or "bench" in str(events_of(everything)[0])
+    assert f"run {RUNS[0].id}" in subjects
+    last = everything.rsplit("id: ", 1)[1].split("\n")[0]
+    assert events_of(client.get("/api/v1/events", headers={"Last-Event-ID": last}).text) == []
+    assert client.get("/api/v1/events", headers={"Last-Event-ID": "x" * 99}).status_code == 200

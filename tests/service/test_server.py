@@ -1,0 +1,193 @@
+"""The server as a process, its page, and requests that nobody thought of."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import schemathesis
+from fastapi.testclient import TestClient
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+from tests.service.conftest import SETUP, NewService, client_of, send, send_result, sha256
+
+from ballscrew.base.errors import InputError
+from ballscrew.cli.shell import run
+from ballscrew.service.app import create_app
+from ballscrew.service.server import remove_unused, serve
+from ballscrew.service.serving import Service
+from ballscrew.store.folder import DataFolder
+from ballscrew.store.store import Store
+
+
+@contextmanager
+def serving(folder: Path, *options: str) -> Iterator[tuple[subprocess.Popen[str], httpx.Client]]:
+    """A process that serves, and a client."""
+    command = [sys.executable, "-m", "ballscrew", "serve", "--data", str(folder), "--port", "0", *options]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603
+    try:
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        match = re.search(r"http://127\.0\.0\.1:\d+", line)
+        assert match is not None, line
+        with httpx.Client(base_url=match[0], timeout=60) as client:
+            wait_for(lambda: client.get("/readyz").status_code == 200)
+            yield process, client
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
+        assert process.stdout is not None
+        process.stdout.close()
+
+
+def wait_for(condition: Any) -> None:
+    for _ in range(1200):
+        if condition():
+            return
+        time.sleep(0.1)
+    pytest.fail("nothing happens")
+
+
+@pytest.mark.slow
+def test_a_server_from_an_upload_to_its_verdict(
+    bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A fresh folder; two recordings; kill -9 of the server between; a graceful end."""
+    folder = tmp_path / "data"
+    (tmp_path / "server.toml").write_text('method = "paper"\nworkers = 1\n')
+    texts = {name: (bench / f"{name}.toml").read_text() for name in ("axis", "plan", "channels")}
+    setup = {"machine": "mill", "sheet": texts["axis"], "plan": texts["plan"], "channels": texts["channels"]}
+    names = [f"preload-4-percent-trip{number}.h5" for number in (1, 2)]
+    contents = {name: (bench / name).read_bytes() for name in names}
+    files = [{"name": name, "sha256": sha256(content)} for name, content in contents.items()]
+    url = "/api/v1/axes/bench/runs/r1"
+    config = ("--config", str(tmp_path / "server.toml"))
+    with serving(folder, *config) as (process, client):
+        assert client.put("/api/v1/axes/bench", json=setup).status_code == 200
+        for content in contents.values():
+            assert client.put(f"{url}/files/{sha256(content)}", content=content).status_code == 201
+        assert run(["store", "add", str(bench / "axis.toml"), "--store", str(folder)]) == 2
+        assert "in use by serve, process" in capsys.readouterr().err
+        answer = client.post(f"{url}/complete", json={"files": files})
+        assert answer.status_code == 202
+        process.kill()
+        process.wait()
+    with serving(folder, *config) as (process, client):
+        identity = answer.json()["id"]
+        wait_for(lambda: client.get(f"/api/v1/runs/{identity}").json()["sent"][0]["status"] != "queued")
+        found = client.get(f"/api/v1/runs/{identity}").json()
+        assert (found["sent"][0]["status"], found["sent"][0]["verdict"]) == (
+            "done",
+            "suspect",
+        )  # a trip is missing
+        assert len(found["run"]["cells"]) == 40
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30) == 0
+    assert Store.verify(folder).faults == ()
+
+
+def test_a_second_server_is_refused(tmp_path: Path, service: Service) -> None:
+    with (
+        DataFolder(service.store.path).locked("serve", serving=True),
+        pytest.raises(InputError, match="the store is in use by serve, process"),
+    ):
+        serve(service.store.path, port=0)
+    with pytest.raises(InputError, match="is no address of this computer"):
+        serve(tmp_path / "new", host="192.0.2.1.example", allow_plain_http=True)
+    with pytest.raises(InputError, match="cannot be listened on"):
+        serve(tmp_path / "new", host="192.0.2.1", allow_plain_http=True)
+
+
+def test_tokens_are_created_listed_and_revoked_by_command(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = ["--data", str(tmp_path / "data")]
+    assert run(["token", "create", "--admin", *data]) == 0
+    text = capsys.readouterr().out.strip()
+    assert text.startswith("bs_")
+    assert run(["token", "create", *data]) == 2
+    assert run(["token", "create", "--machine", "lathe", *data]) == 2
+    assert "no machine of the name 'lathe'" in capsys.readouterr().err
+    assert run(["token", "revoke", "1", *data]) == 0
+    assert run(["token", "revoke", "2", *data]) == 2
+    capsys.readouterr()
+    assert run(["token", "list", "--json", *data]) == 0
+    printed = capsys.readouterr().out
+    assert '"revoked_at": "2' in printed
+    assert text not in printed
+
+
+def test_the_page_shows_the_axes_and_runs_no_script(client: TestClient) -> None:
+    send(client, "/api/v1/axes/bench/runs/<script>alert(1)</script>".replace("/script", "script"))
+    send_result(client, 0)
+    answer = client.get("/")
+    assert answer.status_code == 200
+    assert "missing: model" in answer.text
+    assert "&lt;script&gt;" in answer.text
+    assert "<script" not in answer.text
+    policy = answer.headers["Content-Security-Policy"]
+    assert policy.startswith("default-src 'none'; style-src 'sha256-")
+    assert 'style="' not in answer.text
+    assert "Not ready: no worker is ready yet." in answer.text
+
+
+def test_metrics_are_text_of_prometheus(client: TestClient) -> None:
+    send(client)
+    client.get("/api/v1/axes/none")
+    text = client.get("/metrics").text
+    for line in text.splitlines():
+        assert re.fullmatch(r'# (HELP|TYPE) \w+ .+|ballscrew_\w+(\{\w+="[^"]*"\})? [\d.e+]+', line), line
+    assert "ballscrew_queue_jobs 1\n" in text
+    assert 'ballscrew_sent_runs{status="queued"} 1\n' in text
+    assert 'ballscrew_refusals_total{status="404"} 1\n' in text
+
+
+def test_old_incomplete_uploads_are_removed(service: Service) -> None:
+    for name, age in (("old", 8 * 86400), ("new", 0)):
+        (service.partial / name).touch()
+        os.utime(service.partial / name, (time.time() - age,) * 2)
+    remove_unused(service)
+    assert [path.name for path in service.partial.iterdir()] == ["new"]
+
+
+@pytest.mark.slow
+def test_no_request_that_fits_the_schema_is_an_unexpected_error(new_service: NewService) -> None:
+    """A few hundred; ``schemathesis run`` against a server makes more."""
+    service = new_service(allowed_hosts=("testserver",))
+    service.stopping.set()  # a stream of events ends at once
+    statuses: set[int] = set()
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        send_result(client, 0)
+    schema = schemathesis.openapi.from_asgi("/openapi.json", create_app(service))
+    for result in schema.get_all_operations():
+
+        @settings(
+            max_examples=15,
+            deadline=None,
+            derandomize=True,
+            database=None,
+            phases=[Phase.generate],
+            suppress_health_check=list(HealthCheck),
+        )
+        @given(case=result.ok().as_strategy(), known=st.booleans())
+        def answers(case: Any, known: bool) -> None:
+            if known and "axis" in (case.path_parameters or {}):
+                case.path_parameters["axis"] = "bench"
+            response = case.call()
+            assert response.status_code < 500 or response.status_code == 503, case.as_curl_command()
+            statuses.add(response.status_code)
+
+        answers()
+    assert {200, 404, 422} <= statuses

@@ -1,0 +1,121 @@
+"""Settings: options, environment, file and defaults, in this order; the page lists all of them."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from tests.docs.pages import page
+
+from ballscrew.base.errors import InputError
+from ballscrew.cli.shell import run
+from ballscrew.service.settings import PREFIX, ServerSettings, default_folder, origins, read_settings
+
+
+def test_an_option_overrides_the_environment_which_overrides_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "server.toml").write_text('port = 1\nworkers = 1\nhost = "::1"\nallowed_hosts = ["a"]\n')
+    monkeypatch.setenv("BALLSCREW_SERVER_PORT", "2")
+    monkeypatch.setenv("BALLSCREW_SERVER_WORKERS", "2")
+    options = {"port": 3}
+    found = read_settings(tmp_path, None, options)
+    assert (found.port, found.workers, found.host, found.attempts) == (3, 2, "::1", 3)
+    assert found.allowed_hosts == ("a",)
+    where = origins(tmp_path, None, options)
+    assert [where[name] for name in ("port", "workers", "host", "attempts")] == [
+        "option",
+        "BALLSCREW_SERVER_WORKERS",
+        str(tmp_path / "server.toml"),
+        "default",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("port = 70000", "port is 70000"),
+        ("port = [", "not TOML"),
+        ("pot = 1", "pot is not a known setting"),
+        ('method = "best"', "method is 'best'"),
+        ("workers = 0", "workers is 0"),
+        ("allowed_hosts = 3", "allowed_hosts is 3"),
+    ],
+)
+def test_a_wrong_setting_is_a_sentence(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "server.toml").write_text(text)
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        read_settings(tmp_path, None, {})
+    assert "server.toml" in str(caught.value)
+
+
+def test_a_wrong_variable_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BALLSCREW_SERVER_PORT", "many")
+    with pytest.raises(InputError, match="BALLSCREW_SERVER_PORT: port is 'many'"):
+        read_settings(tmp_path, None, {})
+    monkeypatch.delenv("BALLSCREW_SERVER_PORT")
+    monkeypatch.setenv("BALLSCREW_SERVER_ALLOWED_HOSTS", "[")
+    with pytest.raises(InputError, match="allowed_hosts"):
+        read_settings(tmp_path, None, {})
+    with pytest.raises(InputError, match="no such file"):
+        read_settings(tmp_path, tmp_path / "none.toml", {})
+
+
+@pytest.mark.parametrize(
+    ("host", "is_loopback"),
+    [("127.0.0.1", True), ("::1", True), ("localhost", True), ("127.9.9.9", True), ("::", False),
+     ("192.168.1.2", False), ("plant.example", False), ("localhost.example", False)],
+)  # fmt: skip
+def test_off_loopback_needs_tls_or_an_explicit_setting(host: str, is_loopback: bool) -> None:
+    found = ServerSettings(host=host)
+    assert (found.problems() == []) == found.on_loopback == is_loopback
+    assert ServerSettings(host=host, allow_plain_http=True).problems() == []
+
+
+def test_check_prints_every_setting_and_what_is_wrong(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    command = ["serve", "--check", "--data", str(tmp_path), "--host", "0.0.0.0"]  # noqa: S104
+    assert run(command) == 2
+    printed = capsys.readouterr()
+    assert all(name in printed.out for name in ServerSettings.model_fields)
+    assert "not a loopback address" in printed.err
+    assert run([*command, "--json"]) == 2
+    document = json.loads(capsys.readouterr().out)
+    assert document["settings"]["host"] == {"value": "0.0.0.0", "from": "option"}  # noqa: S104
+    assert run(["serve", "--check", "--data", str(tmp_path)]) == 0
+    (tmp_path / "server.toml").write_text('certificate = "none.pem"\n')
+    assert run(["serve", "--check", "--data", str(tmp_path)]) == 2
+    assert "both certificate and private_key" in capsys.readouterr().err
+
+
+def test_the_page_lists_every_setting_with_its_default() -> None:
+    text = page("docs/howto/server.md")
+    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]*?) \|", text, re.M))
+    assert list(rows) == list(ServerSettings.model_fields)
+    for name, given in rows.items():
+        default = ServerSettings.model_fields[name].default
+        if given.startswith("`"):
+            assert json.loads(given.strip("`")) == (list(default) if default == () else default), name
+    assert PREFIX in text
+
+
+@pytest.mark.parametrize(
+    ("platform", "end"),
+    [
+        ("win32", Path("local") / "ballscrew"),
+        ("darwin", Path("Library") / "Application Support" / "ballscrew"),
+        ("linux", Path("share") / "ballscrew"),
+    ],
+)
+def test_the_default_folder_is_the_users(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, platform: str, end: Path
+) -> None:
+    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
+    assert default_folder().parts[-len(end.parts) :] == end.parts

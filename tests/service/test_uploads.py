@@ -1,0 +1,163 @@
+"""Files that are sent: verified, resumed, refused, and never half there."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+from tests.service.conftest import RUN, NewService, client_of, put, sha256
+from tests.store.stored import count
+
+from ballscrew.service import uploads
+from ballscrew.service.serving import Service
+from ballscrew.store.raw_files import path_of, put_file, read_blocks
+from ballscrew.store.store import Store
+from ballscrew.store.tables import RawFile
+
+CONTENT = os.urandom(1000) * 3000  # three blocks
+URL = f"{RUN}/files/{sha256(CONTENT)}"
+
+
+def stored(service: Service, content: bytes) -> bytes:
+    with service.store.read() as session:
+        row = session.get_one(RawFile, sha256(content))
+    path = path_of(service.store.folder.files, row.sha256, row.compression)
+    return b"".join(read_blocks(path, row.compression))
+
+
+def partials(service: Service) -> list[Path]:
+    return list(service.partial.iterdir())
+
+
+def test_a_file_is_stored_once(client: TestClient, service: Service) -> None:
+    head = client.head(URL)
+    assert (head.status_code, head.headers["Upload-Offset"]) == (204, "0")
+    assert [put(client, CONTENT).status_code for _ in range(2)] == [201, 200]
+    head = client.head(URL)
+    assert (head.status_code, head.headers["Upload-Complete"]) == (200, "?1")
+    assert stored(service, CONTENT) == CONTENT
+    assert count(service.store, RawFile) == 1
+    assert partials(service) == []
+    assert Store.verify(service.store.path).faults == ()
+
+
+def test_a_file_is_resumed_where_it_ended(client: TestClient, service: Service) -> None:
+    total, first = len(CONTENT), len(CONTENT) // 2 + 7
+
+    def part(start: int, stop: int) -> dict[str, str]:
+        return {"Content-Range": f"bytes {start}-{stop - 1}/{total}"}
+
+    answer = client.put(URL, content=CONTENT[:first], headers=part(0, first))
+    assert (answer.status_code, answer.headers["Upload-Offset"]) == (202, str(first))
+    assert client.head(URL).headers["Upload-Offset"] == str(first)
+    answer = client.put(URL, content=CONTENT[:10], headers=part(0, 10))
+    assert (answer.status_code, answer.headers["Upload-Offset"]) == (409, str(first))
+    assert client.put(URL, content=CONTENT[first:], headers=part(first, total)).status_code == 201
+    assert stored(service, CONTENT) == CONTENT
+
+
+def test_another_digest_leaves_nothing(client: TestClient, service: Service) -> None:
+    answer = client.put(URL, content=CONTENT[:-1])
+    assert answer.status_code == 422
+    assert "another SHA-256" in answer.json()["detail"]
+    assert partials(service) == []
+    assert count(service.store, RawFile) == 0
+    assert client.head(URL).headers["Upload-Offset"] == "0"
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        "bytes 0-99/10",
+        "bytes 5-2/10",
+        "bytes 0-9/10",
+        "bytes */10",
+        "lines 0-1/2",
+        "bytes 0-9999999999999999999/1",
+        "bytes -1-3/4",
+    ],
+)
+def test_a_range_that_does_not_fit_is_refused(client: TestClient, given: str) -> None:
+    answer = client.put(URL, content=b"abc", headers={"Content-Range": given})
+    assert answer.status_code == 422
+    assert "Content-Range" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize("digest", ["", "abc", "A" * 64, "..%2f..%2fetc", "g" * 64, "0" * 65, "%00" * 64])
+def test_hostile_digests_are_refused(client: TestClient, service: Service, digest: str) -> None:
+    assert client.put(f"{RUN}/files/{digest}", content=b"x").status_code in (404, 405, 422)
+    assert partials(service) == []
+
+
+def test_the_largest_file_is_limited_also_where_its_length_is_not_stated(new_service: NewService) -> None:
+    service = new_service(max_file_bytes=1000)
+    with client_of(service) as client:
+        from tests.service.conftest import SETUP
+
+        client.put("/api/v1/axes/bench", json=SETUP)
+        assert client.put(URL, content=CONTENT).status_code == 413
+        assert client.put(URL, content=(CONTENT[:600] for _ in range(9))).status_code == 413
+
+
+def test_an_unknown_axis_is_404(client: TestClient) -> None:
+    answer = client.put(f"/api/v1/axes/none/runs/r/files/{sha256(b'')}", content=b"")
+    assert (answer.status_code, "no axis 'none'" in answer.json()["detail"]) == (404, True)
+
+
+def test_a_full_disk_is_507_and_leaves_nothing(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", fail)
+        answer = put(client, CONTENT)
+    assert (answer.status_code, "No space" in answer.json()["detail"]) == (507, True)
+    monkeypatch.setattr(Service, "free_bytes", lambda _: -1)
+    assert put(client, CONTENT).status_code == 507
+    assert count(service.store, RawFile) == 0
+
+
+def test_two_senders_of_one_file_do_not_mix(client: TestClient, service: Service) -> None:
+    client.app.state.receiving.add(sha256(CONTENT))  # type: ignore[attr-defined]
+    assert put(client, CONTENT).status_code == 409
+    assert partials(service) == []
+
+
+def test_a_damaged_store_receives_nothing(client: TestClient, service: Service) -> None:
+    service.store.folder.mark_damaged(["a fault"])
+    answer = put(client, CONTENT)
+    assert (answer.status_code, "damaged" in answer.json()["detail"]) == (503, True)
+    answer = client.get("/readyz")
+    assert (answer.status_code, "damaged" in answer.json()["reason"]) == (503, True)
+
+
+def test_an_archived_file_is_received_again(client: TestClient, service: Service) -> None:
+    put(client, CONTENT)
+    with service.store.write("test") as session:
+        row = session.get_one(RawFile, sha256(CONTENT))
+        path_of(service.store.folder.files, row.sha256, row.compression).unlink()
+        row.archived_to = "elsewhere"
+    assert client.head(URL).status_code == 204
+    assert put(client, CONTENT).status_code == 201
+    assert uploads.stored_size(service, sha256(CONTENT)) == len(CONTENT)
+
+
+def test_a_file_without_a_row_is_removed_at_the_next_start(client: TestClient, service: Service) -> None:
+    """Of a server that was killed between the file and its row, or before it removed the partial file."""
+    put(client, CONTENT)
+    (service.partial / sha256(CONTENT)).write_bytes(CONTENT)
+    files = service.store.folder.files
+    put_file(files, service.partial / sha256(CONTENT), sha256(CONTENT))
+    (service.partial / sha256(b"x")).write_bytes(b"x")
+    put_file(files, service.partial / sha256(b"x"), sha256(b"x"))
+    (files / ".incoming-abc").write_bytes(b"half")
+    uploads.recover_uploads(service)
+    assert Store.verify(service.store.path).orphans == ()
+    assert [path.name for path in service.partial.iterdir()] == [sha256(b"x")]
+    assert stored(service, CONTENT) == CONTENT
+    assert put(client, b"x").status_code == 201

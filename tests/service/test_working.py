@@ -1,0 +1,180 @@
+"""Jobs: leased to one worker, tried again after its death, set aside at last, and never done twice."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+from tests.service.bad_worker import end_at_once, misbehave
+from tests.service.conftest import FILES, SETUP, NewService, client_of, send, work_off
+from tests.store.stored import RUNS, count, imitate_analysis, write_recordings
+
+from ballscrew.service.jobs import lease_job, release_jobs
+from ballscrew.service.serving import Service
+from ballscrew.service.working import Worker, finish, task_of
+from ballscrew.store.adding import add
+from ballscrew.store.tables import JobRow, ResultRow, RunRow
+
+OTHER = {"a.h5": b"another", "b.h5": b"run"}
+SECOND = "/api/v1/axes/bench/runs/r2"
+
+
+@contextmanager
+def worker(service: Service, target: Callable[..., None]) -> Iterator[Worker]:
+    """A worker process that runs."""
+    started = Worker(service, 0, target)
+    started.thread.start()
+    try:
+        yield started
+    finally:
+        service.stopping.set()
+        service.announce()
+        started.thread.join(30)
+        assert not started.thread.is_alive()
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    for _ in range(3000):
+        if condition():
+            return
+        time.sleep(0.01)
+    pytest.fail("nothing happens")
+
+
+def status_of(client: TestClient, key: str) -> str:
+    sent = client.get("/api/v1/axes/bench/runs").json()["sent"]
+    return str(next(each["status"] for each in sent if each["run"] == key))
+
+
+def test_a_job_of_a_dead_or_frozen_worker_is_done_by_the_next(new_service: NewService) -> None:
+    service = new_service(lease_s=1.0, back_off_s=0.0, attempts=5)
+    service.scratch.mkdir()
+    (service.scratch / "run.json").write_text(json.dumps([RUNS[0].to_json(), []]))
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        send(client)
+        with worker(service, misbehave):
+            wait_for(lambda: status_of(client, "r1") == "done")
+    assert (service.scratch / "count").read_text() >= "3"
+    assert (count(service.store, RunRow), count(service.store, ResultRow)) == (1, 1)
+
+
+def test_a_run_whose_worker_always_dies_is_set_aside(new_service: NewService) -> None:
+    service = new_service(back_off_s=0.0, attempts=2)
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        send(client)
+        with worker(service, end_at_once):
+            wait_for(lambda: status_of(client, "r1") == "set aside")
+        (job,) = client.get("/api/v1/jobs").json()["jobs"]
+        assert (job["status"], job["attempts"], job["error"]) == (
+            "set aside", 2, "the analyse job failed: its process ended (9).",
+        )  # fmt: skip
+        assert client.post(f"/api/v1/jobs/{job['id']}/retry").status_code == 200
+        assert client.post(f"/api/v1/jobs/{job['id']}/retry").status_code == 404
+        assert work_off(service, lambda _: ("done", (RUNS[0].to_json(), []))) == 1
+        assert status_of(client, "r1") == "done"
+
+
+def test_a_poison_run_does_not_stop_the_others(new_service: NewService) -> None:
+    service = new_service(back_off_s=0.0, attempts=3)
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        poison = send(client).json()["id"]
+        send(client, SECOND, OTHER)
+
+        def analyse(lease: object) -> tuple[str, object]:
+            if lease.argument == poison:  # type: ignore[attr-defined]
+                return "failed", "unexpected error (ValueError: x)"
+            return "done", (RUNS[1].to_json(), [])
+
+        work_off(service, analyse)
+        assert (status_of(client, "r1"), status_of(client, "r2")) == ("set aside", "done")
+
+
+def test_a_result_that_comes_after_its_lease_was_lost_is_dropped(
+    client: TestClient, service: Service
+) -> None:
+    send(client)
+    now = time.time()
+    first = lease_job(service, lambda: now)
+    assert lease_job(service, lambda: now + 1) is None
+    second = lease_job(service, lambda: now + service.settings.lease_s + 1)
+    assert first is not None
+    assert second is not None
+    assert not finish(service, first, "done", (RUNS[0].to_json(), []))
+    assert count(service.store, RunRow) == 0
+    assert finish(service, second, "done", (RUNS[0].to_json(), []))
+    assert not finish(service, second, "done", (RUNS[1].to_json(), []))
+    assert count(service.store, RunRow) == 1
+
+
+def test_leases_of_a_server_that_has_ended_are_void(client: TestClient, service: Service) -> None:
+    send(client)
+    lease_job(service)
+    assert lease_job(service) is None
+    with service.store.write("test") as session:
+        release_jobs(session)
+    assert lease_job(service) is not None
+
+
+def test_the_pause_between_attempts_doubles(new_service: NewService) -> None:
+    service = new_service(back_off_s=10.0)
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        send(client)
+    lease = lease_job(service)
+    assert lease is not None
+    finish(service, lease, "failed", "x")
+    now = time.time()
+    assert lease_job(service, lambda: now + 5) is None
+    assert lease_job(service, lambda: now + 11) is not None
+
+
+def test_sent_recordings_are_the_run_that_store_add_makes(
+    client: TestClient, service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the same identity, in either order."""
+    jobs = imitate_analysis(monkeypatch)
+    path = write_recordings(tmp_path / "run", 1.0)
+    files = {file.name: file.read_bytes() for file in sorted(path.parent.glob("*.bin"))}
+    for name in ("axis", "plan"):
+        (path.parent / f"{name}.toml").write_text({"axis": SETUP["sheet"], "plan": SETUP["plan"]}[name])
+    text = path.read_text() + 'axis = "axis.toml"\nplan = "plan.toml"\n'
+    path.write_text(text)
+    answer = send(client, files=files, run_toml=text)
+
+    def analyse(lease: object) -> tuple[str, object]:
+        from ballscrew.service.working import do_task
+
+        return do_task(task_of(service, lease))  # type: ignore[arg-type]
+
+    work_off(service, analyse)
+    assert status_of(client, "r1") == "done"
+    assert not add(service.store, path).is_new
+    assert len(jobs) == 1
+    path.write_text(text.replace("100 kg", "100.0 kg"))
+    assert add(service.store, path).is_new is False
+    assert answer.json()["id"]
+
+
+def test_recordings_of_store_add_are_not_analysed_again(
+    client: TestClient, service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imitate_analysis(monkeypatch)
+    path = write_recordings(tmp_path / "run", 1.0)
+    for name in ("axis", "plan"):
+        (path.parent / f"{name}.toml").write_text({"axis": SETUP["sheet"], "plan": SETUP["plan"]}[name])
+    text = path.read_text() + 'axis = "axis.toml"\nplan = "plan.toml"\n'
+    path.write_text(text)
+    run = add(service.store, path).subject
+    files = {file.name: file.read_bytes() for file in sorted(path.parent.glob("*.bin"))}
+    answer = send(client, files=files, run_toml=text)
+    assert (answer.status_code, answer.json()["result"]) == (200, run)
+    assert count(service.store, JobRow) == 0
+    assert FILES
