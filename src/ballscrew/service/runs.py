@@ -25,7 +25,7 @@ from ballscrew.service.access import AnyCaller, Caller, RunningService, find_sen
 from ballscrew.service.jobs import ANALYSE, enqueue, request_assessment, waiting_runs
 from ballscrew.service.serving import TOO_MANY, RefusedError, Service
 from ballscrew.service.uploads import RunKey, may_send, raw_file
-from ballscrew.store.adding import METHOD_REVISION, insert_document
+from ballscrew.store.adding import METHOD_REVISION, insert_document, insert_source
 from ballscrew.store.folder import now
 from ballscrew.store.inserting import insert_run
 from ballscrew.store.opened import record
@@ -342,7 +342,7 @@ def _set_conflict_aside(session: Session, axis: Axis, key: str, sent: Sent, call
     row = _new_row(axis, key, sent, caller)
     row.status, row.error = CONFLICT, "the key has other content already."
     session.add(row)
-    record(session, "refuse", f"run {key}", axis=axis.name, content=sent.content, by=caller.name)
+    record(session, "set aside", f"run {key}", axis=axis.name, content=sent.content, by=caller.name)
 
 
 def _conflict_document(key: str, sent: Sent) -> dict[str, Any]:
@@ -377,9 +377,8 @@ def store_result(
     if added.conflict:
         return
     content, stated = rows[0].content, rows[0].stated
-    if "documents" in stated and session.get(Source, content) is None:
-        number = session.scalars(select(RunRow.id).where(RunRow.run == run.id)).one()
-        session.add(Source(digest=content, run_id=number, stated={**stated, "readers": list(readers)}))
+    if "documents" in stated:
+        insert_source(session, run.id, content, {**stated, "readers": list(readers)}, {})
     request_assessment(session, axis)
 
 

@@ -371,7 +371,7 @@ def _finish_analysis(session: Session, lease: Lease, outcome: str, value: Any) -
     if outcome == "refused":
         for row in rows:
             row.status, row.error, row.finished_at = REFUSED, value, now()
-        record(session, "refuse", f"run {rows[0].key}", axis=axis.name, reason=value)
+        record(session, "reject", f"run {rows[0].key}", axis=axis.name, reason=value)
         report_bad_measurement(session, axis, rows[0].received_at, [str(value)])
         return
     document, readers = value

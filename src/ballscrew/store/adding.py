@@ -186,7 +186,7 @@ def add_recordings(
         if not added.conflict:
             for sha256, file in by_hash.items():
                 _insert_file(session, store, sha256, file, stored.get(sha256))
-            _insert_source(session, added.subject, key, stated, texts)
+            insert_source(session, added.subject, key, stated, texts)
     return check_added(added, path.name)
 
 
@@ -261,9 +261,10 @@ def _document_texts(path: Path, job: Job) -> dict[str, tuple[str, str]]:
     return texts
 
 
-def _insert_source(
+def insert_source(
     session: Session, run: str, key: str, stated: Mapping[str, Any], texts: Mapping[str, tuple[str, str]]
 ) -> None:
+    """Add what a run was analysed from, and its documents: digest and text by kind."""
     row = session.scalars(select(RunRow).where(RunRow.run == run)).all()[0]
     for kind, (document, text) in texts.items():
         insert_document(session, kind, document, text, row.axis_id if kind == "axis" else None)
