@@ -97,7 +97,7 @@ def _all_missing(session: Session) -> dict[str, list[str]]:
 
 
 @router.get("/axes/{axis}")
-def show_one_axis(axis: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+def show_whole_axis(axis: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
     """An axis: its set-up, its state and forecast, its runs, alarms, events and exclusions."""
     return axis_document(service, axis)
 
