@@ -120,6 +120,7 @@ def _listening(settings: ServerSettings) -> Iterator[socket.socket]:
             else:
                 listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listener.bind(address)
+            listener.listen(_WAITING)
         except OSError as error:
             where = f"{settings.host}:{settings.port}"
             raise InputError(f"{where}: cannot be listened on ({error.strerror or error}).") from None
