@@ -59,6 +59,8 @@ class RefusedError(BallscrewError):
 class ServedStore(OpenStore):
     """A store whose lock this process holds for as long as it serves: its threads write in turn."""
 
+    pooled = True
+
     def __init__(self, path: str | Path) -> None:
         super().__init__(path)
         self._turn = threading.RLock()
