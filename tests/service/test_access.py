@@ -12,9 +12,9 @@ from tests.simulated_bench import AXIS
 from tests.store.stored import count
 
 from ballscrew.base.errors import InputError
-from ballscrew.service.access import create_token, list_tokens, revoke_token
 from ballscrew.service.app import create_app
 from ballscrew.service.serving import Service
+from ballscrew.service.tokens import create_token, list_tokens, revoke_token
 from ballscrew.store.tables import Token
 
 FILE = f"/api/v1/axes/bench/runs/r/files/{sha256(b'x')}"
@@ -40,6 +40,9 @@ ROUTES = {
     ("GET", "/api/v1/events"): ("/api/v1/events", ADMIN),
     ("GET", "/api/v1/alarms"): ("/api/v1/alarms", ADMIN),
     ("POST", "/api/v1/alarms/{alarm}"): ("/api/v1/alarms/alarm-1", ADMIN),
+    ("GET", "/api/v1/tokens"): ("/api/v1/tokens", ADMIN),
+    ("POST", "/api/v1/tokens"): ("/api/v1/tokens", ADMIN),
+    ("DELETE", "/api/v1/tokens/{token}"): ("/api/v1/tokens/9", ADMIN),
     ("GET", "/livez"): ("/livez", ALL),
     ("GET", "/readyz"): ("/readyz", ALL),
     ("GET", "/metrics"): ("/metrics", ADMIN),
@@ -63,7 +66,7 @@ def clients(remote: Service) -> Iterator[list[TestClient]]:
     """Without a token, of this machine, of another, and of an administrator."""
     found = [client_of(remote, raise_server_exceptions=True)]
     for machine in ("mill 4", "mill 5", None):
-        _, text = create_token(remote.store, machine)
+        _, text = create_token(remote.store, machine, admin=machine is None)
         found.append(client_of(remote, headers={"Authorization": f"Bearer {text}"}))
     remote.stopping.set()  # a stream of events ends at once
     yield found
@@ -114,7 +117,7 @@ def test_what_is_no_token_is_401(remote: Service, given: str) -> None:
 
 
 def test_a_revoked_token_is_401_and_no_token_is_stored(remote: Service) -> None:
-    number, text = create_token(remote.store, None)
+    number, text = create_token(remote.store, None, admin=True)
     with client_of(remote, headers={"Authorization": f"Bearer {text}"}) as client:
         assert client.get("/api/v1/axes").status_code == 200
         revoke_token(remote.store, number)
@@ -126,7 +129,33 @@ def test_a_revoked_token_is_401_and_no_token_is_stored(remote: Service) -> None:
     with pytest.raises(InputError, match="no token 7"):
         revoke_token(remote.store, 7)
     with pytest.raises(InputError, match="no machine of the name 'lathe'"):
-        create_token(remote.store, "lathe")
+        create_token(remote.store, "lathe", admin=False)
+
+
+def test_an_administrator_creates_lists_and_revokes_tokens_over_http(clients: list[TestClient]) -> None:
+    *_, admin = clients
+    answer = admin.post("/api/v1/tokens", json={"machine": "mill 5"})
+    assert (answer.status_code, answer.headers["Cache-Control"]) == (201, "no-store")
+    created = answer.json()
+    headers = {"Authorization": f"Bearer {created['token']}"}
+    file = FILE.replace("bench", "Y axis")
+    assert admin.head(file, headers=headers).status_code == 204
+    listed = admin.get("/api/v1/tokens").json()["tokens"]
+    assert [each["machine"] for each in listed] == ["mill 4", "mill 5", None, "mill 5"]
+    assert created["token"] not in str(listed)
+    assert admin.delete(f"/api/v1/tokens/{created['id']}").json()["revoked"]
+    assert admin.head(file, headers=headers).status_code == 401
+
+
+@pytest.mark.parametrize("body", [{}, {"admin": True, "machine": "mill 4"}, {"machine": "lathe"}, {"all": 1}])
+def test_a_token_without_an_owner_is_not_created(clients: list[TestClient], body: dict[str, object]) -> None:
+    assert clients[3].post("/api/v1/tokens", json=body).status_code == 422
+    assert len(clients[3].get("/api/v1/tokens").json()["tokens"]) == 3
+
+
+@pytest.mark.parametrize("number", ["0", "-1", "9", "9" * 30])
+def test_a_token_that_does_not_exist_is_404(clients: list[TestClient], number: str) -> None:
+    assert clients[3].delete(f"/api/v1/tokens/{number}").status_code == 404
 
 
 @pytest.mark.parametrize(

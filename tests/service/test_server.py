@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ import schemathesis
 from fastapi.testclient import TestClient
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
+from sqlalchemy import select
 from tests.service.conftest import SETUP, NewService, client_of, send, send_result, sha256
 
 from ballscrew.base.errors import InputError
@@ -26,8 +28,11 @@ from ballscrew.cli.shell import run
 from ballscrew.service.app import create_app
 from ballscrew.service.server import remove_unused, serve
 from ballscrew.service.serving import Service
+from ballscrew.service.tokens import create_token
 from ballscrew.store.folder import DataFolder
+from ballscrew.store.opened import OpenStore
 from ballscrew.store.store import Store
+from ballscrew.store.tables import Audit
 
 
 @contextmanager
@@ -126,6 +131,39 @@ def test_tokens_are_created_listed_and_revoked_by_command(
     printed = capsys.readouterr().out
     assert '"revoked_at": "2' in printed
     assert text not in printed
+
+
+def test_tokens_are_created_and_revoked_by_command_while_a_server_runs(
+    new_service: NewService, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = new_service(host="0.0.0.0", allow_plain_http=True)  # noqa: S104
+    data = ["--data", str(service.store.path)]
+    with DataFolder(service.store.path).locked("serve", serving=True), client_of(service) as client:
+        assert run(["token", "create", "--admin", *data]) == 0
+        headers = {"Authorization": f"Bearer {capsys.readouterr().out.strip()}"}
+        assert client.get("/api/v1/axes", headers=headers).status_code == 200
+        assert client.post("/api/v1/tokens", json={"admin": True}, headers=headers).status_code == 201
+        assert run(["token", "list", *data]) == 0
+        assert run(["token", "revoke", "1", *data]) == 0
+        assert client.get("/api/v1/axes", headers=headers).status_code == 401
+        with service.store.read() as session:
+            assert [row.action for row in session.scalars(select(Audit))][-3:] == ["create"] * 2 + ["revoke"]
+    assert not service.store.folder.is_served()
+    assert Store.verify(service.store.path).faults == ()
+
+
+def test_commands_and_a_server_write_tokens_in_turn(service: Service) -> None:
+    """None is lost, and each row of the audit follows the one before it."""
+    beside = OpenStore(service.store.path)
+
+    def create(number: int) -> int:
+        store = (service.store, beside)[number % 2]
+        return create_token(store, None, admin=True)[0]
+
+    with DataFolder(service.store.path).locked("serve", serving=True), ThreadPoolExecutor(4) as pool:
+        numbers = list(pool.map(create, range(16)))
+    assert sorted(numbers) == list(range(1, 17))
+    assert Store.verify(service.store.path).faults == ()
 
 
 def test_the_page_shows_the_axes_and_runs_no_script(client: TestClient) -> None:

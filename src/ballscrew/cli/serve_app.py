@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ballscrew.base.errors import DONE, WRONG_INPUT, InputError, printable
+from ballscrew.base.errors import DONE, WRONG_INPUT, printable
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.cli.options import Command, CommandGroup, Json, flag, option
 from ballscrew.cli.output import console, print_json
@@ -128,11 +128,9 @@ def _open(data: Path | None) -> OpenStore:
 
 def _create(data: Path | None, machine: str | None, *, admin: bool, as_json: bool) -> int:
     """Create a token and print it once."""
-    from ballscrew.service.access import create_token
+    from ballscrew.service.tokens import create_token
 
-    if admin == (machine is not None):
-        raise InputError("a token is that of an administrator (--admin) or of a machine (--machine NAME).")
-    number, text = create_token(_open(data), machine)
+    number, text = create_token(_open(data), machine, admin=admin)
     if as_json:
         print_json({"schema": SCHEMA, "id": number, "machine": machine, "token": text})
     else:
@@ -143,7 +141,7 @@ def _create(data: Path | None, machine: str | None, *, admin: bool, as_json: boo
 
 def _list(data: Path | None, *, as_json: bool) -> int:
     """Print the tokens."""
-    from ballscrew.service.access import list_tokens
+    from ballscrew.service.tokens import list_tokens
 
     tokens = list_tokens(_open(data))
     if as_json:
@@ -165,7 +163,7 @@ def _list(data: Path | None, *, as_json: bool) -> int:
 
 def _revoke(data: Path | None, number: int, *, as_json: bool) -> int:
     """Revoke a token."""
-    from ballscrew.service.access import revoke_token
+    from ballscrew.service.tokens import revoke_token
 
     revoke_token(_open(data), number)
     if as_json:

@@ -1,12 +1,11 @@
-"""Who may do what: hosts and sites, and tokens, stored as hashes, of administrators and machines."""
+"""Who may do what: hosts and sites, and the callers to whom tokens belong."""
 
 from __future__ import annotations
 
 import hashlib
-import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 from urllib.parse import urlsplit
 
 from fastapi import Depends, Request
@@ -17,14 +16,10 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as AsgiMessage
 
-from ballscrew.base.errors import InputError, shown
+from ballscrew.base.errors import shown
 from ballscrew.service.serving import TOO_LARGE, RefusedError, Service, service_of
-from ballscrew.store.folder import now
-from ballscrew.store.opened import OpenStore, record
-from ballscrew.store.tables import Axis, MachineRow, Token
+from ballscrew.store.tables import Axis, Token
 
-_BEGIN = "bs_"  # so that a token is recognised where it was pasted by mistake
-_BYTES = 32
 _LONGEST_BODY = 64 << 20  # bytes of any body but a file's: MODEL.json has a few
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 _HEADERS = {
@@ -51,89 +46,9 @@ class Caller:
     machine: int | None
 
 
-def create_token(store: OpenStore, machine: str | None) -> tuple[int, str]:
-    """Create a token.
-
-    Parameters
-    ----------
-    store : OpenStore
-        The store.
-    machine : str or None
-        Name of the machine for whose axes alone it may send; None for an administrator.
-
-    Returns
-    -------
-    tuple of int and str
-        Its number, and the token itself, which is not stored.
-
-    Raises
-    ------
-    InputError
-        If there is no such machine, or several of this name.
-    """
-    text = _BEGIN + secrets.token_urlsafe(_BYTES)
-    with store.write("token create") as session:
-        row = Token(digest=_digest(text), machine_id=None, created_at=now())
-        if machine is not None:
-            row.machine_id = _find_machine(session, machine).id
-        session.add(row)
-        session.flush()
-        record(session, "create", f"token {row.id}", machine=machine)
-        return row.id, text
-
-
-def _find_machine(session: Session, name: str) -> MachineRow:
-    rows = session.scalars(select(MachineRow).where(MachineRow.name == name)).all()
-    if len(rows) != 1:
-        number = "several machines" if rows else "no machine"
-        raise InputError(
-            f"the store has {number} of the name {shown(name)}; a machine is named with the data sheet of an "
-            "axis: 'ballscrew store add axis.toml --machine NAME'."
-        )
-    return rows[0]
-
-
-def list_tokens(store: OpenStore) -> list[dict[str, Any]]:
-    """Tokens with their machines and times, without the tokens themselves."""
-    with store.read() as session:
-        rows = session.execute(
-            select(Token, MachineRow.name)
-            .outerjoin(MachineRow, MachineRow.id == Token.machine_id)
-            .order_by(Token.id)
-        ).all()
-    found = []
-    for token, machine in rows:
-        found.append(
-            {
-                "id": token.id,
-                "machine": machine,
-                "admin": token.machine_id is None,
-                "created_at": token.created_at,
-                "revoked_at": token.revoked_at,
-            }
-        )
-    return found
-
-
-def revoke_token(store: OpenStore, number: int) -> None:
-    """Revoke a token.
-
-    Raises
-    ------
-    InputError
-        If there is none of this number.
-    """
-    with store.write("token revoke") as session:
-        row = session.get(Token, number)
-        if row is None:
-            raise InputError(f"there is no token {number}; 'ballscrew token list' lists them.")
-        if row.revoked_at is None:
-            row.revoked_at = now()
-            record(session, "revoke", f"token {number}")
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
+def digest_of(token: str) -> str:
+    """Hash of a token, as it is stored."""
+    return hashlib.sha256(token.encode()).hexdigest()
 
 
 def find_caller(request: Request, service: Annotated[Service, Depends(service_of)]) -> Caller:
@@ -152,7 +67,7 @@ def find_caller(request: Request, service: Annotated[Service, Depends(service_of
         raise RefusedError(401, "a token is needed: Authorization: Bearer TOKEN.", challenge)
     scheme, _, text = given.partition(" ")
     with service.store.read() as session:
-        row = session.scalar(select(Token).where(Token.digest == _digest(text.strip())))
+        row = session.scalar(select(Token).where(Token.digest == digest_of(text.strip())))
     if scheme.lower() != "bearer" or row is None or row.revoked_at is not None:
         raise RefusedError(401, "the token is not valid, or was revoked.", challenge)
     return Caller(f"token {row.id}", row.machine_id)

@@ -19,7 +19,7 @@ from ballscrew._version import __version__
 from ballscrew.base.errors import BallscrewError
 from ballscrew.monitoring.epochs import moment
 from ballscrew.report.canvas import STATE_COLOURS, STATE_SIGNS
-from ballscrew.service import alarms, axes, reading, runs, uploads
+from ballscrew.service import alarms, axes, reading, runs, tokens, uploads
 from ballscrew.service.access import AdminCaller, Guard, RunningService
 from ballscrew.service.alarms import alarm_documents
 from ballscrew.service.jobs import job_documents
@@ -70,8 +70,9 @@ def create_app(service: Service, workers: Sequence[Worker] = ()) -> FastAPI:
     app.state.service = service
     app.state.workers = workers
     app.state.receiving = set()
-    for each in (uploads.router, runs.router, axes.router, reading.router, alarms.router, router):
-        app.include_router(each)
+    for resource in (uploads, runs, axes, reading, alarms, tokens):
+        app.include_router(resource.router)
+    app.include_router(router)
     if service.settings.on_loopback:
         app.include_router(pages)
     answer_errors(app)

@@ -72,7 +72,7 @@ class ServedStore(OpenStore):
             yield session
 
     @contextmanager
-    def write(self, purpose: str) -> Iterator[Session]:  # noqa: ARG002  the lock is held already
+    def write(self, purpose: str, *, beside_server: bool = False) -> Iterator[Session]:  # noqa: ARG002  the lock is held
         """As :meth:`OpenStore.write`, among the threads of this process."""
         self.check_writable()
         with (

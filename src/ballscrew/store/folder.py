@@ -147,6 +147,19 @@ class DataFolder:
                 stream.truncate(0)
                 unlock(stream)
 
+    def is_served(self) -> bool:
+        """Whether a server holds the lock."""
+        if not self._lock.is_file():
+            return False
+        try:
+            with self._lock.open("a+", encoding="utf-8") as stream:
+                if try_lock(stream):
+                    unlock(stream)
+                    return False
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written ({error.strerror or error}).") from None
+        return bool(self._holder().get("serving"))
+
     def _wait(self, stream: IO[str]) -> None:
         deadline = time.monotonic() + _PATIENCE
         while not try_lock(stream):

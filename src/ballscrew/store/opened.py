@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -68,13 +68,16 @@ class OpenStore:
             yield session
 
     @contextmanager
-    def write(self, purpose: str) -> Iterator[Session]:
+    def write(self, purpose: str, *, beside_server: bool = False) -> Iterator[Session]:
         """Write in one transaction, which is durable when the block ends without an error.
 
         Parameters
         ----------
         purpose : str
             For those that wait for it.
+        beside_server : bool
+            Whether it is also written while a server holds the lock: rows alone, which the server reads anew
+            for each request. The database lets transactions write in turn.
 
         Yields
         ------
@@ -87,9 +90,12 @@ class OpenStore:
             If the store is damaged, in use, or cannot be written.
         """
         self.folder.check_writable()
+        lock: AbstractContextManager[None] = self.folder.locked(purpose)
+        if beside_server and self.folder.is_served():
+            lock = nullcontext()
         with (
             translated(self.path),
-            self.folder.locked(purpose),
+            lock,
             Session(self.engine(writing=True)) as session,
             session.begin(),
         ):
