@@ -21,12 +21,12 @@ from ballscrew.recording.channels import read_channels
 from ballscrew.service.access import AdminCaller, RunningService, find_sent_axis
 from ballscrew.service.jobs import request_assessment
 from ballscrew.service.reading import missing_of
-from ballscrew.service.runs import text_files
 from ballscrew.service.serving import Service
 from ballscrew.store.adding import add_events, add_model, add_sheet, insert_document
 from ballscrew.store.folder import now
 from ballscrew.store.histories import read_stored_history
 from ballscrew.store.opened import record
+from ballscrew.store.raw_files import text_files
 from ballscrew.store.reading import find_axis
 from ballscrew.store.tables import Setup
 

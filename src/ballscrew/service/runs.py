@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PureWindowsPath
 from typing import Any
@@ -29,7 +28,7 @@ from ballscrew.store.adding import METHOD_REVISION, insert_document, insert_sour
 from ballscrew.store.folder import now
 from ballscrew.store.inserting import insert_run
 from ballscrew.store.opened import record
-from ballscrew.store.raw_files import copy_out, path_of
+from ballscrew.store.raw_files import copy_out, path_of, text_files
 from ballscrew.store.tables import Axis, Document, RawFile, RunRow, Setup, Source, Upload
 
 router = APIRouter(prefix="/api/v1/axes/{axis}/runs/{run}")
@@ -84,23 +83,6 @@ class Sent:
     files: list[dict[str, str]]
     texts: dict[str, str]
     run: Run | None = None
-
-
-@contextmanager
-def text_files(texts: Mapping[str, str | None]) -> Iterator[dict[str, Path]]:
-    """Texts as files ``KIND.toml``, as long as the block lasts; messages name the files alone."""
-    with tempfile.TemporaryDirectory(prefix="ballscrew-") as folder:
-        paths = {}
-        try:
-            for kind, text in texts.items():
-                if text is not None:
-                    paths[kind] = Path(folder) / f"{kind}.toml"
-                    paths[kind].write_text(text, encoding="utf-8")
-            yield paths
-        except UnicodeEncodeError:
-            raise InputError("a text is not valid Unicode.") from None
-        except InputError as error:
-            raise InputError(str(error).replace(f"{folder}/", "").replace(f"{folder}\\", "")) from None
 
 
 def setup_texts(session: Session, axis: int) -> dict[str, str]:

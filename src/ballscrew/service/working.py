@@ -20,12 +20,12 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from ballscrew.base.errors import BallscrewError, InputError
+from ballscrew.base.errors import BallscrewError
 from ballscrew.modal.run import Run
 from ballscrew.service import jobs
 from ballscrew.service.alarms import report_bad_measurement, write_messages
 from ballscrew.service.jobs import Lease
-from ballscrew.service.runs import QUEUED, REFUSED, SET_ASIDE, document_texts, store_result, text_files
+from ballscrew.service.runs import QUEUED, REFUSED, SET_ASIDE, document_texts, store_result
 from ballscrew.service.serving import Service
 from ballscrew.store.assessing import MadeAssessment, compute_assessment, store_assessment
 from ballscrew.store.folder import now
@@ -107,7 +107,7 @@ def work(pipe: Connection, scratch: str) -> None:
 
 def _import_all() -> None:
     """Import what a task needs, before the first one comes."""
-    for name in ("ballscrew.modal.analyze", "ballscrew.prognosis.monitor"):
+    for name in ("ballscrew.store.analysing", "ballscrew.prognosis.monitor"):
         import_module(name)
 
 
@@ -115,50 +115,17 @@ def do_task(task: Task) -> tuple[str, Any]:
     """Do a task: ``done`` and its result, or ``refused`` or ``failed`` and a sentence."""
     try:
         if isinstance(task, AnalysisTask):
-            return "done", analyse(task)
+            from ballscrew.store.analysing import analyse_files
+
+            run, readers = analyse_files(
+                Path(task.folder), task.files, task.texts, task.stated, method=task.method
+            )
+            return "done", (run.to_json(), readers)
         return "done", assess(task)
     except BallscrewError as error:
         return "refused", str(error)
     except Exception as error:  # noqa: BLE001  of whatever kind, the others are not stopped
         return "failed", f"unexpected error ({type(error).__name__}: {error})"
-
-
-def analyse(task: AnalysisTask) -> tuple[dict[str, Any], list[str | None]]:
-    """Analyse recordings of the store.
-
-    Parameters
-    ----------
-    task : AnalysisTask
-        Recordings, documents and circumstances.
-
-    Returns
-    -------
-    tuple of dict and list
-        RUN.json, and the reader of each recording with its version.
-
-    Raises
-    ------
-    InputError
-        If they cannot be analysed.
-    """
-    from ballscrew.modal.analyze import AnalysisOptions, examine
-    from ballscrew.modal.job import Job
-    from ballscrew.store.adding import reader_of
-    from ballscrew.store.raw_files import materialised
-
-    stated = task.stated
-    with text_files(task.texts) as paths, materialised(Path(task.folder), list(task.files)) as files:
-        channels, axis, plan = (paths.get(kind) for kind in ("channels", "axis", "plan"))
-        job = Job.of(files, channels, axis, plan, stated["mass_kg"], None, None)
-        job = replace(job, measured_at=stated["measured_at"], temperature=stated["temperature_C"])
-        try:
-            run = examine(job, AnalysisOptions(method=task.method)).run
-            return run.to_json(), [reader_of(path) for path in files]
-        except InputError as error:
-            message = str(error)
-            for path in files:
-                message = message.replace(str(path), path.name)
-            raise InputError(message) from None
 
 
 def assess(task: AssessmentTask) -> MadeAssessment:

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
@@ -23,7 +22,9 @@ from ballscrew._version import __version__
 from ballscrew.base.errors import InputError, shown
 from ballscrew.modal.analyze import AnalysisOptions, examine
 from ballscrew.modal.job import Job
-from ballscrew.store.raw_files import materialised
+from ballscrew.modal.run import Run
+from ballscrew.store.adding import reader_of
+from ballscrew.store.raw_files import materialised, text_files
 from ballscrew.store.tables import pack
 
 _RUNS_OF_A_TASK = 10  # of Dask at most: as many are analysed again where a worker is killed
@@ -80,19 +81,7 @@ def analyse_tasks(tasks: Sequence[Task]) -> list[bytes | str]:
 
 def _analyse(task: Task) -> bytes | str:
     try:
-        with (
-            tempfile.TemporaryDirectory(prefix="ballscrew-") as folder,
-            materialised(Path(task.folder), list(task.files)) as files,
-        ):
-            paths = {}
-            for kind, text in task.documents.items():
-                paths[kind] = Path(folder) / f"{kind}.toml"
-                paths[kind].write_text(text, encoding="utf-8")
-            channels, axis, plan = (paths.get(kind) for kind in ("channels", "axis", "plan"))
-            job = Job.of(files, channels, axis, plan, task.stated["mass_kg"], None, None)
-            stated = task.stated
-            job = replace(job, measured_at=stated["measured_at"], temperature=stated["temperature_C"])
-            run = examine(job, AnalysisOptions(method=task.method)).run
+        run, _ = analyse_files(Path(task.folder), task.files, task.documents, task.stated, method=task.method)
     except InputError as error:
         return str(error)
     if run.id != task.run:
@@ -100,6 +89,53 @@ def _analyse(task: Task) -> bytes | str:
     if run.made.version != task.version:
         return f"its worker has ballscrew {run.made.version}, and this is {task.version}"
     return pack(run.to_json())
+
+
+def analyse_files(
+    folder: Path,
+    files: Sequence[tuple[str, str, str]],
+    documents: Mapping[str, str],
+    stated: Mapping[str, Any],
+    *,
+    method: str,
+) -> tuple[Run, list[str | None]]:
+    """Analyse recordings of a store.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder of raw files.
+    files : sequence of (name, sha256, compression)
+        The recordings in their order.
+    documents : mapping of str to str
+        Text of each document by its kind.
+    stated : mapping
+        Content of RUN.toml.
+    method : str
+        Method of the analysis.
+
+    Returns
+    -------
+    tuple of Run and list
+        The run, and the reader of each recording with its version.
+
+    Raises
+    ------
+    InputError
+        If they cannot be analysed; files are named without their temporary folders.
+    """
+    with text_files(documents) as texts, materialised(folder, list(files)) as paths:
+        channels, axis, plan = (texts.get(kind) for kind in ("channels", "axis", "plan"))
+        job = Job.of(paths, channels, axis, plan, stated["mass_kg"], None, None)
+        job = replace(job, measured_at=stated["measured_at"], temperature=stated["temperature_C"])
+        try:
+            run = examine(job, AnalysisOptions(method=method)).run
+            return run, [reader_of(path) for path in paths]
+        except InputError as error:
+            message = str(error)
+            for path in paths:
+                message = message.replace(str(path), path.name)
+            raise InputError(message) from None
 
 
 @dataclass(frozen=True, slots=True)

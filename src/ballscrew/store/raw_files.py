@@ -6,7 +6,7 @@ import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -254,3 +254,36 @@ def materialised(
             copy_out(path_of(folder, sha256, compression), compression, target, sha256)
             paths.append(target)
         yield paths
+
+
+@contextmanager
+def text_files(texts: Mapping[str, str | None]) -> Iterator[dict[str, Path]]:
+    """Texts as files ``KIND.toml``, as long as the block lasts; messages contain their names without folder.
+
+    Parameters
+    ----------
+    texts : mapping of str to str or None
+        Text by kind; None is left out.
+
+    Yields
+    ------
+    dict of str to Path
+        Path by kind.
+
+    Raises
+    ------
+    InputError
+        If a text is not valid Unicode.
+    """
+    with tempfile.TemporaryDirectory(prefix="ballscrew-") as folder:
+        paths = {}
+        try:
+            for kind, text in texts.items():
+                if text is not None:
+                    paths[kind] = Path(folder) / f"{kind}.toml"
+                    paths[kind].write_text(text, encoding="utf-8")
+            yield paths
+        except UnicodeEncodeError:
+            raise InputError("a text is not valid Unicode.") from None
+        except InputError as error:
+            raise InputError(str(error).replace(f"{folder}/", "").replace(f"{folder}\\", "")) from None
