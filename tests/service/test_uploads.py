@@ -18,6 +18,7 @@ from ballscrew.store.store import Store
 from ballscrew.store.tables import RawFile
 
 CONTENT = os.urandom(1000) * 3000  # three blocks
+QUOTA = getattr(errno, "EDQUOT", errno.ENOSPC)  # Windows may lack it
 URL = f"{RUN}/files/{sha256(CONTENT)}"
 
 
@@ -107,16 +108,38 @@ def test_an_unknown_axis_is_404(client: TestClient) -> None:
     assert (answer.status_code, "no axis 'none'" in answer.json()["detail"]) == (404, True)
 
 
-def test_a_full_disk_is_507_and_leaves_nothing(
-    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("part", ["copy", "stream"])
+@pytest.mark.parametrize(
+    ("number", "status"),
+    [
+        (errno.ENOSPC, 507),
+        (QUOTA, 507),
+        (errno.EIO, 503),
+        (errno.EACCES, 503),
+    ],
+)
+def test_a_full_disk_is_507_another_error_503_and_neither_leaves_a_file(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch, part: str, number: int, status: int
 ) -> None:
+    """By the number of the error: its words differ between languages."""
+
     def fail(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        raise OSError(number, "Kein Platz")
 
     with monkeypatch.context() as patched:
-        patched.setattr(os, "fsync", fail)
+        if part == "copy":
+            patched.setattr(os, "fsync", fail)
+        else:
+            patched.setattr(Path, "open", fail)
         answer = put(client, CONTENT)
-    assert (answer.status_code, "No space" in answer.json()["detail"]) == (507, True)
+    assert (answer.status_code, "Kein Platz" in answer.json()["detail"]) == (status, True)
+    assert answer.headers["Retry-After"]
+    assert count(service.store, RawFile) == 0
+
+
+def test_a_disk_with_too_little_space_is_507(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(Service, "free_bytes", lambda _: -1)
     assert put(client, CONTENT).status_code == 507
     assert count(service.store, RawFile) == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import re
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
@@ -19,12 +20,13 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.service.access import AnyCaller, RunningService, find_sent_axis
 from ballscrew.service.serving import FULL, TOO_LARGE, UNAVAILABLE, UNPROCESSABLE, RefusedError, Service
 from ballscrew.store.folder import now
-from ballscrew.store.raw_files import INCOMING, path_of, put_file
+from ballscrew.store.raw_files import INCOMING, ChangedFileError, path_of, put_file
 from ballscrew.store.tables import RawFile
 
 router = APIRouter(prefix="/api/v1/axes/{axis}/runs/{run}")
 
 _BLOCK = 1 << 20
+_FULL_DISK = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 _RANGE = re.compile(r"bytes (\d{1,15})-(\d{1,15})/(\d{1,15})")
 COMPLETE, OFFSET = "Upload-Complete", "Upload-Offset"
 
@@ -164,7 +166,7 @@ async def _write(request: Request, service: Service, path: Path, part: Part) -> 
                 await run_in_threadpool(stream.write, block)
             await run_in_threadpool(stream.flush)
     except OSError as error:
-        raise _no_disk(str(error.strerror or error)) from None
+        raise _no_disk(error) from None
     except ClientDisconnect:  # what has come stays, and can be resumed
         raise RefusedError(400, "the connection was closed.") from None
     if part.stop is not None and size != part.stop:
@@ -172,22 +174,24 @@ async def _write(request: Request, service: Service, path: Path, part: Part) -> 
     return size
 
 
-def _no_disk(reason: str) -> RefusedError:
-    """RefusedError after an error of the disk."""
-    if "space" in reason or "quota" in reason:
-        return RefusedError(FULL, f"the file cannot be stored ({reason}).", {"Retry-After": "600"})
-    return RefusedError(UNAVAILABLE, f"the file cannot be stored ({reason}).", {"Retry-After": "60"})
+def _no_disk(error: BaseException) -> RefusedError:
+    """Refusal after an error of the disk: 507 where it is full, else 503."""
+    status, wait = UNAVAILABLE, "60"
+    if isinstance(error, OSError) and error.errno in _FULL_DISK:
+        status, wait = FULL, "600"
+    reason = getattr(error, "strerror", None) or error
+    return RefusedError(status, f"the file cannot be stored ({reason}).", {"Retry-After": wait})
 
 
 def _store(service: Service, path: Path, sha256: str) -> None:
     """Move a complete file into the store, durably."""
     try:
         stored = put_file(service.store.folder.files, path, sha256)
-    except InputError as error:
-        if "has changed" not in str(error):
-            raise _no_disk(str(error)) from None
+    except ChangedFileError:
         path.unlink(missing_ok=True)
         raise RefusedError(UNPROCESSABLE, "the content of the file has another SHA-256.") from None
+    except InputError as error:
+        raise _no_disk(error.__cause__ or error) from None
     with service.store.write("receive") as session:
         row = session.get(RawFile, sha256)
         if row is None:

@@ -24,6 +24,10 @@ INCOMING = ".incoming-"
 """Beginning of the names of files that are being written."""
 
 
+class ChangedFileError(InputError):
+    """A file has another content than its hash states."""
+
+
 @dataclass(frozen=True, slots=True)
 class StoredFile:
     """A raw file as it was stored.
@@ -72,8 +76,10 @@ def put_file(folder: Path, source: Path, sha256: str) -> StoredFile:
 
     Raises
     ------
+    ChangedFileError
+        If it has another content.
     InputError
-        If it cannot be read or written, or has another content.
+        If it cannot be read or written; its cause is the error of the system.
     """
     handle, name = -1, ""
     try:
@@ -85,7 +91,7 @@ def put_file(folder: Path, source: Path, sha256: str) -> StoredFile:
                 Path(name).chmod(0o644)  # who may read the folder may read its files
                 os.fsync(target.fileno())  # an error is final: the kernel has dropped the data
         if found != sha256:
-            raise InputError(f"{source}: has changed since it was analysed; nothing was added.")
+            raise ChangedFileError(f"{source}: has changed since it was analysed; nothing was added.")
         final = path_of(folder, found, compression)
         if not final.parent.is_dir():
             final.parent.mkdir(exist_ok=True)
@@ -94,7 +100,7 @@ def put_file(folder: Path, source: Path, sha256: str) -> StoredFile:
         Path(name).replace(final)
         sync_folder(final.parent)
     except OSError as error:
-        raise InputError(f"{source}: cannot be stored ({error.strerror or error}).") from None
+        raise InputError(f"{source}: cannot be stored ({error.strerror or error}).") from error
     finally:
         if name:
             Path(name).unlink(missing_ok=True)
