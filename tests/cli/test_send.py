@@ -50,7 +50,7 @@ def test_the_status_is_75_while_something_is_in_the_spool(
     printed = capsys.readouterr()
     assert printed.out == ""
     assert "1 run not sent yet" in printed.err
-    assert "the token is missing" in printed.err
+    assert "no token was given" in printed.err
     server.token = None
     assert call(server) == 0
     assert len(server.runs) == 1

@@ -368,14 +368,32 @@ def test_a_damaged_manifest_does_not_stop_the_others(
     assert (settings.spool / "rejected" / folder.name / "answer.txt").exists()
 
 
-@pytest.mark.parametrize("status", [401, 403])
-def test_a_wrong_token_stops_and_loses_nothing(
-    send_files: Send, server: FakeServer, run_toml: Path, scene: Scene, status: int
+@pytest.mark.parametrize(
+    ("status", "token", "words"),
+    [
+        (401, "bs_old", "the token is refused (401"),
+        (401, None, "no token was given (401"),
+        (403, "bs_other", "the token is not allowed to send for this axis (403"),
+    ],
+)
+def test_a_wrong_token_stops_loses_nothing_and_is_named(
+    send_files: Send,
+    server: FakeServer,
+    run_toml: Path,
+    scene: Scene,
+    monkeypatch: pytest.MonkeyPatch,
+    status: int,
+    token: str | None,
+    words: str,
 ) -> None:
-    server.faults.append(Fault("*", status, times=100))
+    """The server's own reason is lost: the answer to HEAD has no body."""
+    if token is not None:
+        monkeypatch.setenv("BALLSCREW_TOKEN", token)
+    server.faults.append(Fault("HEAD", status, times=100))
     result = send_files(run_toml)
     assert (result.waiting, result.rejected, scene.waits) == (1, (), [])
-    assert "the token is missing or not allowed" in result.reason
+    assert words in result.reason
+    assert result.reason.endswith("BALLSCREW_TOKEN), and 'ballscrew token list' at the server.")
 
 
 def test_the_token_is_of_a_file_or_the_environment(

@@ -191,6 +191,7 @@ def test_a_run_with_a_wrong_token_waits_in_the_spool(plant: Plant, run_toml: Pat
         plant.token.write_text(create_token(store, "mill 5", admin=False)[1])
     result = plant.send(run_toml)
     assert (result.sent, result.rejected, result.waiting) == ((), (), 1)
+    assert "'ballscrew token list' at the server" in result.reason
     assert count(store, RawFile) == 0
     plant.settings = settings
     plant.token.write_text(right)

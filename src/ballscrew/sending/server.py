@@ -275,11 +275,7 @@ class Server:
         if response.is_success or status in accepted:
             return response
         if status in (401, 403):
-            raise DelayError(
-                f"{self.address}: the token is missing or not allowed to send for this axis "
-                f"(--token-file, BALLSCREW_TOKEN): {_detail(response)}",
-                lasting=True,
-            )
+            raise DelayError(f"{self.address}: {self._token_refused(response)}", lasting=True)
         if status < 400:
             raise self._no_server(response)
         if status >= 500 or status in _AGAIN:
@@ -289,6 +285,18 @@ class Server:
                 general=status in _OVERLOADED,
             )
         raise RefusalError(_detail(response))
+
+    def _token_refused(self, response: Response) -> str:
+        """Sentence about a token, also where the answer, as that to HEAD, has none."""
+        reason = "the token is refused"
+        if response.status_code == 403:
+            reason = "the token is not allowed to send for this axis"
+        elif "Authorization" not in self._client.headers:
+            reason = "no token was given"
+        return (
+            f"{reason} ({_detail(response)}): check the token file (--token-file, or the variable "
+            "BALLSCREW_TOKEN), and 'ballscrew token list' at the server."
+        )
 
 
 def _add(uploaded: Uploaded, before: int, position: int) -> None:
