@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 import subprocess
@@ -26,7 +25,7 @@ from tests.service.conftest import SETUP, NewService, client_of, send, send_resu
 from ballscrew.base.errors import InputError
 from ballscrew.cli.shell import run
 from ballscrew.service.app import create_app
-from ballscrew.service.server import remove_unused, serve
+from ballscrew.service.server import serve
 from ballscrew.service.serving import Service
 from ballscrew.service.tokens import create_token
 from ballscrew.store.folder import DataFolder
@@ -189,14 +188,6 @@ def test_metrics_are_text_of_prometheus(client: TestClient) -> None:
     assert "ballscrew_queue_jobs 1\n" in text
     assert 'ballscrew_sent_runs{status="queued"} 1\n' in text
     assert 'ballscrew_refusals_total{status="404"} 1\n' in text
-
-
-def test_old_incomplete_uploads_are_removed(service: Service) -> None:
-    for name, age in (("old", 8 * 86400), ("new", 0)):
-        (service.partial / name).touch()
-        os.utime(service.partial / name, (time.time() - age,) * 2)
-    remove_unused(service)
-    assert [path.name for path in service.partial.iterdir()] == ["new"]
 
 
 @pytest.mark.slow

@@ -4,16 +4,32 @@ from __future__ import annotations
 
 import errno
 import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from tests.service.conftest import RUN, NewService, client_of, put, sha256
-from tests.store.stored import count
+from sqlalchemy.orm import Session
+from tests.service.conftest import (
+    RUN,
+    SETUP,
+    NewService,
+    client_of,
+    put,
+    send,
+    send_result,
+    sha256,
+    work_off,
+)
+from tests.store.stored import count, imitate_analysis, write_recordings
 
 from ballscrew.service import uploads
-from ballscrew.service.serving import Service
-from ballscrew.store.raw_files import path_of, put_file, read_blocks
+from ballscrew.service.serving import ServedStore, Service
+from ballscrew.store.adding import add
+from ballscrew.store.raw_files import StoredFile, path_of, put_file, read_blocks
 from ballscrew.store.store import Store
 from ballscrew.store.tables import RawFile
 
@@ -96,8 +112,6 @@ def test_hostile_digests_are_refused(client: TestClient, service: Service, diges
 def test_the_largest_file_is_limited_also_where_its_length_is_not_stated(new_service: NewService) -> None:
     service = new_service(max_file_bytes=1000)
     with client_of(service) as client:
-        from tests.service.conftest import SETUP
-
         client.put("/api/v1/axes/bench", json=SETUP)
         assert client.put(URL, content=CONTENT).status_code == 413
         assert client.put(URL, content=(CONTENT[:600] for _ in range(9))).status_code == 413
@@ -184,3 +198,97 @@ def test_a_file_without_a_row_is_removed_at_the_next_start(client: TestClient, s
     assert [path.name for path in service.partial.iterdir()] == [sha256(b"x")]
     assert stored(service, CONTENT) == CONTENT
     assert put(client, b"x").status_code == 201
+
+
+def make_old(path: Path) -> None:
+    os.utime(path, (time.time() - 8 * 86400,) * 2)
+
+
+def make_all_old(service: Service) -> None:
+    for path in service.store.folder.files.rglob("*"):
+        make_old(path)
+
+
+def test_old_incomplete_uploads_are_removed(service: Service) -> None:
+    for name in ("old", "new"):
+        (service.partial / name).touch()
+    make_old(service.partial / "old")
+    uploads.remove_unused(service)
+    assert [path.name for path in service.partial.iterdir()] == ["new"]
+
+
+def test_an_old_file_that_no_run_refers_to_is_removed_and_can_be_sent_again(
+    client: TestClient, service: Service
+) -> None:
+    put(client, CONTENT)
+    uploads.remove_unused(service)
+    assert client.head(URL).status_code == 200
+    make_all_old(service)
+    uploads.remove_unused(service)
+    assert (client.head(URL).status_code, count(service.store, RawFile)) == (204, 0)
+    verification = Store.verify(service.store.path)
+    assert (verification.faults, verification.orphans) == ((), ())
+    assert put(client, CONTENT).status_code == 201
+
+
+def test_a_file_that_a_sender_has_just_asked_for_stays(client: TestClient, service: Service) -> None:
+    put(client, CONTENT)
+    make_all_old(service)
+    assert client.head(URL).status_code == 200  # so that the sender does not send it again
+    uploads.remove_unused(service)
+    assert stored(service, CONTENT) == CONTENT
+
+
+def test_files_of_runs_stay_of_whatever_status(
+    client: TestClient, service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imitate_analysis(monkeypatch)
+    path = write_recordings(tmp_path / "run", 1.0)
+    (path.parent / "axis.toml").write_text(SETUP["sheet"])
+    path.write_text(path.read_text() + 'axis = "axis.toml"\n')
+    add(service.store, path)
+    send(client)
+    assert send(client, files={"a.h5": b"other", "b.h5": b"content"}).status_code == 409
+    send(client, RUN + "-refused", {"a.h5": b"1", "b.h5": b"2"})
+    work_off(service, lambda _: ("refused", "it cannot be analysed."))
+    send_result(client, 0)
+    before = count(service.store, RawFile)
+    make_all_old(service)
+    uploads.remove_unused(service)
+    assert count(service.store, RawFile) == before == 9
+    assert Store.verify(service.store.path).faults == ()
+
+
+def test_a_file_that_is_sent_while_its_old_copy_is_removed_is_not_lost(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its content arrives between the removal of the old row and of the old file."""
+    put(client, CONTENT)
+    make_all_old(service)
+    answers = []
+    write = ServedStore.write
+    put_file = uploads.put_file
+
+    def put_and_lose(*arguments: Any) -> StoredFile:
+        found = put_file(*arguments)
+        path_of(*arguments[::2], found.compression).unlink()
+        return found
+
+    @contextmanager
+    def send_between(store: ServedStore, purpose: str, **options: bool) -> Iterator[Session]:
+        with write(store, purpose, **options) as session:
+            yield session
+        if purpose == "remove unused files" and not answers:
+            answers.append(put(client, CONTENT).status_code)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(ServedStore, "write", send_between)
+        uploads.remove_unused(service)
+    assert answers == [201]
+    assert stored(service, CONTENT) == CONTENT
+    other = b"another"
+    with monkeypatch.context() as patched:
+        patched.setattr(uploads, "put_file", put_and_lose)
+        assert put(client, other).status_code == 503
+    assert put(client, other).status_code == 201
+    assert Store.verify(service.store.path).faults == ()

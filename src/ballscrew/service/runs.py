@@ -108,6 +108,7 @@ def complete_run(
         others = set(session.scalars(select(Axis.name).where(Axis.name != axis)))
     sent = _read_sent(axis, body, stored, texts, others)
     with service.store.write("complete") as session:
+        _stored_files(session, service, body)  # one may have been removed as unused meanwhile
         status, document = _accept(session, service, session.get_one(Axis, row.id), run, sent, caller)
     service.announce()
     return JSONResponse(document, status)

@@ -9,7 +9,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from ballscrew.service.app import create_app
 from ballscrew.service.jobs import release_jobs, request_assessment
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings, default_folder, origins, read_settings
-from ballscrew.service.uploads import recover_uploads
+from ballscrew.service.uploads import recover_uploads, remove_unused
 from ballscrew.service.working import Worker
 from ballscrew.store.folder import DataFolder
 from ballscrew.store.opened import create_store
@@ -30,10 +30,10 @@ from ballscrew.store.tables import Axis
 
 _log = logging.getLogger("ballscrew.service")
 
-_PERIOD = 30.0  # s between looks for silence and unused files
+_PERIOD = 30.0  # s between looks for silence
+_HOUR = 3600.0  # s between removals of unused files
 _GRACEFUL = 5  # s that requests have to end
 _WAITING = 2048  # connections that wait to be accepted
-_DAY = 24 * 3600.0
 
 
 class GracefulServer(uvicorn.Server):
@@ -172,28 +172,16 @@ def _working(service: Service, workers: Sequence[Worker]) -> Iterator[None]:
 
 
 def _run_regularly(service: Service) -> None:
+    next_removal = time.monotonic()
     while not service.stopping.is_set():
         try:
             watch_for_silence(service)
-            remove_unused(service)
+            if time.monotonic() >= next_removal:
+                next_removal = time.monotonic() + _HOUR
+                remove_unused(service)
         except Exception:  # noqa: BLE001  they go on, whatever it is
             _log.exception("regular tasks")
         service.stopping.wait(_PERIOD)
-
-
-def remove_unused(service: Service) -> None:
-    """Remove incomplete uploads and files of no run that are old.
-
-    Parameters
-    ----------
-    service : Service
-        The service.
-    """
-    oldest = time.time() - service.settings.unused_days * _DAY
-    for path in service.partial.iterdir():
-        with suppress(OSError):  # it may just have been completed
-            if path.stat().st_mtime < oldest:
-                path.unlink()
 
 
 def check(

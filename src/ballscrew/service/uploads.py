@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import os
 import re
+import time
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi import Path as InPath
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
@@ -20,12 +24,14 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.service.access import AnyCaller, RunningService, find_sent_axis
 from ballscrew.service.serving import FULL, TOO_LARGE, UNAVAILABLE, UNPROCESSABLE, RefusedError, Service
 from ballscrew.store.folder import now
+from ballscrew.store.opened import record
 from ballscrew.store.raw_files import INCOMING, ChangedFileError, path_of, put_file
-from ballscrew.store.tables import RawFile
+from ballscrew.store.tables import RawFile, RecordingRow, Source, Upload
 
 router = APIRouter(prefix="/api/v1/axes/{axis}/runs/{run}")
 
 _BLOCK = 1 << 20
+_DAY = 24 * 3600.0  # s
 _FULL_DISK = (errno.ENOSPC, getattr(errno, "EDQUOT", errno.ENOSPC))
 _RANGE = re.compile(r"bytes (\d{1,15})-(\d{1,15})/(\d{1,15})")
 COMPLETE, OFFSET = "Upload-Complete", "Upload-Offset"
@@ -198,6 +204,9 @@ def _store(service: Service, path: Path, sha256: str) -> None:
             row = RawFile(sha256=sha256, size=stored.size, added_at=now())
             session.add(row)
         row.stored_size, row.compression, row.archived_to = stored.stored_size, stored.compression, None
+        session.flush()
+        if not _path(service, row).is_file():  # an older copy was removed as unused at this moment
+            raise RefusedError(UNAVAILABLE, "the file must be sent again.", {"Retry-After": "1"})
     path.unlink(missing_ok=True)
 
 
@@ -217,11 +226,70 @@ def recover_uploads(service: Service) -> None:
             path_of(files, path.name, compression).unlink(missing_ok=True)
 
 
+def remove_unused(service: Service) -> None:
+    """Remove incomplete uploads, and complete files that no run refers to, that are old.
+
+    Parameters
+    ----------
+    service : Service
+        The service.
+    """
+    oldest = time.time() - service.settings.unused_days * _DAY
+    for path in service.partial.iterdir():
+        with suppress(OSError):  # it may just have been completed
+            if path.stat().st_mtime < oldest:
+                path.unlink()
+    with service.store.read() as session:
+        if not _unused_files(session, service, oldest):
+            return
+    with service.store.write("remove unused files") as session:
+        removed = {row.sha256: _path(service, row) for row in _unused_files(session, service, oldest)}
+        for sha256 in removed:
+            session.delete(session.get_one(RawFile, sha256))
+        record(session, "gc", "files", removed=sorted(removed))
+    # A kill here leaves files without rows, which 'store gc' removes; rows without files would be damage.
+    with service.store.write("remove unused files") as session:
+        for sha256, path in removed.items():
+            if session.get(RawFile, sha256) is None:  # else it has been sent again
+                path.unlink(missing_ok=True)
+
+
+def _unused_files(session: Session, service: Service, oldest: float) -> list[RawFile]:
+    """Rows of the files that no run refers to, and that nobody has asked for lately."""
+    recordings = select(RecordingRow.run_id).where(RecordingRow.sha256 == RawFile.sha256)
+    found = session.scalars(select(RawFile).where(RawFile.archived_to.is_(None), ~recordings.exists()))
+    rows = {row.sha256: row for row in found if _asked_at(service, row) < oldest}
+    if rows:
+        for files, stated in session.execute(select(Upload.files, Upload.stated)):
+            rows.pop(stated.get("run_json"), None)
+            for file in files or ():
+                rows.pop(file["sha256"], None)
+        for stated in session.scalars(select(Source.stated)):
+            for sha256 in stated["files"]:
+                rows.pop(sha256, None)
+    return list(rows.values())
+
+
+def _path(service: Service, row: RawFile) -> Path:
+    return path_of(service.store.folder.files, row.sha256, row.compression)
+
+
+def _asked_at(service: Service, row: RawFile) -> float:
+    """Time at which a file was sent or last asked for, s; now if it is missing, which is no reason to act."""
+    with suppress(OSError):
+        return _path(service, row).stat().st_mtime
+    return time.time()
+
+
 def stored_size(service: Service, sha256: str) -> int | None:
-    """Size of a file that is in the store; None if it is not."""
+    """Size of a file that is in the store; None if it is not. It counts as asked for now."""
     with service.store.read() as session:
         row = raw_file(session, sha256)
-        return None if row is None else row.size
+        if row is None:
+            return None
+        with suppress(OSError):
+            os.utime(_path(service, row))
+        return row.size
 
 
 def raw_file(session: Session, sha256: str) -> RawFile | None:
