@@ -101,7 +101,7 @@ def toml(**changes: str) -> str:
 NO_RUNS: list[tuple[dict[str, Any], str]] = [
     ({"run_toml": "x = ["}, "is not TOML"),
     ({"run_toml": "x = 1"}, "x is not a known field"),
-    ({"run_toml": toml(files='["a.h5", "c.h5"]')}, "names the file 'c.h5', which is none of those"),
+    ({"run_toml": toml(files='["a.h5", "c.h5"]')}, "names the file 'c.h5', which was not sent"),
     ({"run_toml": toml(files='["../../a.h5"]', load='"-1 kg"')}, "load"),
     ({"run_toml": toml(measured_at='"yesterday"')}, "ISO 8601"),
     ({"run_toml": toml(measured_at='"0001-01-01T00:00Z"')}, "year"),

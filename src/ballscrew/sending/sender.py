@@ -1,4 +1,4 @@
-"""Runs into the spool, and from the spool to the server: once, or for as long as a folder is watched."""
+"""Sending: runs are copied into the spool and sent from there, once or while a folder is watched."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MEGABYTE = 1_000_000
 
 @dataclass(frozen=True)
 class SendHooks:
-    """What is called meanwhile.
+    """Functions that are called while runs are sent.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class SendHooks:
     progress : Progress
         Called with the megabytes of a run that were sent.
     clock, sleep, random : callable
-        Time that never goes back, s; waiting; numbers from 0 to 1, by which waits differ between senders.
+        Monotonic time, s; waiting; random numbers from 0 to 1, so that senders wait differently long.
     """
 
     report: Callable[[Answer], None]
@@ -110,7 +110,7 @@ def send(
     settings : SendSettings
         Spool, token and repetitions.
     hooks : SendHooks
-        What is called meanwhile.
+        Functions that are called while runs are sent.
 
     Returns
     -------
@@ -193,7 +193,7 @@ class _Sender:
     def send_all(
         self, runs: Sequence[OutgoingRun], key: str | None, failures: list[str]
     ) -> tuple[str, list[OutgoingRun]]:
-        """Spool and send until all is sent or nothing more can be; the reason, and runs that did not fit."""
+        """Spool and send as much as possible; why something waits, and runs that did not fit."""
         pending = list(runs)
         while True:
             pending, reason = self._spool_given(pending, key, failures)

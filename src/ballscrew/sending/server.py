@@ -1,4 +1,4 @@
-"""The server as a sender uses it: files by their hash, resumed where they were cut, then the run."""
+"""Requests to the server: files by their hashes, resumed where they were cut, and then the run."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class DelayError(BallscrewError):
     wait : float or None
         Time that the server asks for, s.
     general : bool
-        Whether other runs would fare the same.
+        Whether other runs have to wait, too.
     lasting : bool
         Whether someone must act before a repetition can succeed.
     """
@@ -60,7 +60,7 @@ class DelayError(BallscrewError):
 
 
 class RefusalError(BallscrewError):
-    """The server refuses a run for good."""
+    """The server refuses a run; a repetition would be refused, too."""
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ class Server:
         )
 
     def _upload(self, url: str, path: Path, file: SpooledFile, uploaded: Uploaded) -> None:
-        """Send a file, from where the server has it."""
+        """Send what the server lacks of a file."""
         if not path.is_file() or path.stat().st_size != file.size:
             raise RefusalError(f"{file.name}: its copy in the spool is damaged; send the run again.")
         offset = self._offset(url, file)
@@ -230,7 +230,7 @@ class Server:
         )
 
     def _check_copy(self, path: Path, file: SpooledFile, response: Response, offset: int) -> None:
-        """Find who is right where the server has found another hash."""
+        """Check the copy in the spool after the server computed another hash."""
         with open_regular(path) as stream:
             found = hashlib.file_digest(stream, "sha256").hexdigest()
         if found != file.sha256:
@@ -287,7 +287,7 @@ class Server:
         raise RefusalError(_detail(response))
 
     def _token_refused(self, response: Response) -> str:
-        """Sentence about a token, also where the answer, as that to HEAD, has none."""
+        """Sentence about a token that is refused; the answer to HEAD contains none."""
         reason = "the token is refused"
         if response.status_code == 403:
             reason = "the token is not allowed to send for this axis"
@@ -313,7 +313,7 @@ def _blocks(path: Path, offset: int, size: int, uploaded: Uploaded) -> Iterator[
 
 
 def _stated_offset(response: Response, size: int) -> int:
-    """Offset that the server states; 0, from where all is sent anew, where it states none that can be."""
+    """Offset that the server states; 0, so that all is sent anew, if it states none or an impossible one."""
     text = response.headers.get(_OFFSET, "")
     if not re.fullmatch(r"[0-9]{1,18}", text):
         return 0

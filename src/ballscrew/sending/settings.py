@@ -121,7 +121,7 @@ def check_address(address: str, *, plain: bool) -> str:
 
 
 def _host(address: str) -> str:
-    """Host of a URL of the web."""
+    """Host of a URL of http or https."""
     host = None
     if re.fullmatch(r"https?://[^\s\x00-\x1f\\]+", address):
         try:

@@ -1,4 +1,4 @@
-"""Spool on the disk: runs that wait for the server, each whole or not there, and what was sent before.
+"""Spool on the disk: runs that wait for the server, each whole or absent, and a log of what was sent.
 
 ``queue/ID`` is a run with its files, named by their hashes, and a manifest; it is renamed into place whole.
 ``rejected/ID`` is a run that the server refused, with its answer. ``sent.jsonl`` has a line for each run that
@@ -181,7 +181,7 @@ class Spool:
         sync_folder(self.queue)
 
     def _discard(self, folder: Path) -> None:
-        """Remove a folder; it is complete up to the moment at which it is gone."""
+        """Remove a folder in one step: it is never there in part."""
         if folder.exists():
             trash = Path(tempfile.mkdtemp(prefix=_INCOMING, dir=self.queue))
             folder.rename(trash / folder.name)
@@ -199,7 +199,7 @@ class Spool:
                     unlock(stream)
 
     def runs(self) -> list[SpooledRun]:
-        """Runs in the order in which they were spooled; what is damaged is rejected. Needs the lock."""
+        """Runs in the order in which they were spooled; damaged ones are rejected. Needs the lock."""
         found = []
         for folder in _folders(self.queue):
             try:

@@ -31,8 +31,8 @@ class WatchedFolder:
     Parameters
     ----------
     folder : Path
-        Searched at any depth. Links and files outside of it are refused: who adds a file may read less than
-        this program.
+        Searched at any depth. Links and files outside of it are refused: whoever adds a file may have
+        fewer rights to read than this program.
     rule : RunRule
         What makes files a run.
     settle : float
@@ -56,7 +56,7 @@ class WatchedFolder:
         Parameters
         ----------
         now : float
-            Of a clock that never goes back, s.
+            Monotonic time, s.
 
         Yields
         ------
@@ -95,7 +95,7 @@ class WatchedFolder:
             return error
 
     def _check(self, path: Path) -> None:
-        """Check that a file is in the folder, no link, and that no program is writing it."""
+        """Check that a file is in the folder and not a link, and that no program is writing it."""
         open_regular(path, links=False).close()
         if not path.resolve().is_relative_to(self.folder.resolve()):
             raise InputError(f"{path}: is outside of {self.folder} and is not sent.")
@@ -118,7 +118,7 @@ class WatchedFolder:
         return groups
 
     def _listed(self, path: Path) -> tuple[Path, ...] | None:
-        """Files that a RUN.toml names; None of another TOML file. Read again after a change only."""
+        """Files that a RUN.toml names; None for another TOML file. Only read again after a change."""
         state = self._changes[path][0]
         known = self._run_files.get(path)
         if known is None or known[0] != state:
@@ -133,7 +133,7 @@ class WatchedFolder:
         return known[1]
 
     def _changed_at(self, path: Path, now: float) -> float:
-        """Time at which a file was first found as it is."""
+        """Time at which the present state of a file was first found."""
         try:
             found = path.stat()
             state = (found.st_size, found.st_mtime_ns)

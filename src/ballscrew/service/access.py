@@ -39,7 +39,7 @@ class Caller:
     name : str
         For the audit.
     machine : int or None
-        Number of the machine for which alone the caller may send; None for an administrator.
+        Number of the only machine for which the caller may send; None for an administrator.
     """
 
     name: str
@@ -99,11 +99,11 @@ def find_sent_axis(session: Session, name: str, caller: Caller) -> Axis:
     Raises
     ------
     RefusedError
-        404 if there is no such axis; 403 for the token of another machine, also where there is no such axis.
+        404 if there is no such axis; 403 for the token of another machine, even if there is no such axis.
     """
     row = session.scalar(select(Axis).where(Axis.name == name))
     if caller.machine is not None and (row is None or row.machine_id != caller.machine):
-        raise RefusedError(403, f"the token is not of the machine of an axis {shown(name)}.")
+        raise RefusedError(403, f"the token does not belong to the machine of an axis {shown(name)}.")
     if row is None:
         raise RefusedError(404, f"there is no axis {shown(name)}; PUT /api/v1/axes/NAME adds it.")
     return row
@@ -149,7 +149,7 @@ class Guard:
         await (refusal or self.app)(scope, receive, answer)
 
     def _wrong_host(self, headers: Mapping[str, str]) -> JSONResponse | None:
-        """RefusedError of a request that another site or another name made a browser send."""
+        """Refusal of a request from another site or to a host that is not allowed; else None."""
         settings = self.service.settings
         allowed = set(settings.allowed_hosts)
         if settings.on_loopback:
@@ -177,7 +177,7 @@ def _is_file(scope: Scope) -> bool:
 
 
 def _limited(receive: Receive) -> Receive:
-    """Body that ends with an error where it is too large."""
+    """Body of a request, whose reading ends with an error once it is too large."""
     size = 0
 
     async def limited() -> AsgiMessage:

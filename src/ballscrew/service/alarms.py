@@ -32,13 +32,13 @@ class Action(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     action: Literal["acknowledge", "shelve", "close", "reopen"]
-    until: str | None = Field(None, max_length=64, description="End of a shelving, ISO 8601.")
-    text: str = Field("", max_length=10_000, description="Finding; a closure needs one.")
+    until: str | None = Field(None, max_length=64, description="With shelve: its end, ISO 8601.")
+    text: str = Field("", max_length=10_000, description="Finding; close needs one.")
 
 
 @router.get("")
 def list_alarms(caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
-    """Every alarm of an axis, and every trouble with a measurement, the newest first."""
+    """Alarms of all axes, and troubles with their measurements, the newest first."""
     with service.store.read() as session:
         return {"schema": SCHEMA, "alarms": alarm_documents(session)}
 
@@ -66,7 +66,7 @@ def _check(action: Action) -> None:
     if action.action == "close" and not action.text.strip():
         raise InputError("an alarm is closed with a finding (text).")
     if (action.action == "shelve") != (action.until is not None):
-        raise InputError("a shelving, and only this, needs its end (until).")
+        raise InputError("until is the end of a shelving: give it with shelve, and with no other action.")
     if action.until is not None and moment(action.until, "until") <= datetime.now(UTC):
         raise InputError("the end of a shelving must be in the future.")
 
@@ -229,7 +229,7 @@ def watch_for_silence(service: Service, at: datetime | None = None) -> None:
 
 
 def _silent_since(session: Session, setup: Setup, at: datetime) -> str | None:
-    """When the newest run of an axis came, or it was set up, if the next run is overdue."""
+    """Time of the newest run of an axis, or of its set-up, if the next run is overdue; else None."""
     sent = session.scalar(select(func.max(Upload.received_at)).where(Upload.axis_id == setup.axis_id))
     added = session.scalar(select(func.max(RunRow.received_at)).where(RunRow.axis_id == setup.axis_id))
     newest = max(each for each in (sent, added, setup.set_up_at) if each is not None)

@@ -43,7 +43,7 @@ class Schedule(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     period_s: float = Field(gt=0, le=1e9, description="Time from one run to the next.")
-    grace_s: float = Field(0.0, ge=0, le=1e9, description="Time after which a missing run raises an alarm.")
+    grace_s: float = Field(0.0, ge=0, le=1e9, description="Time beyond it until an alarm is raised.")
 
 
 class AxisSetup(BaseModel):
@@ -131,7 +131,7 @@ def add_axis_events(
 
 
 def _preview(service: Service, axis: str, events: tuple[Event, ...]) -> dict[str, Any]:
-    """State of an axis as it is, and with more events."""
+    """State of an axis without and with further events."""
     with service.store.read() as session:
         history = read_stored_history(session, axis)
     found = {}

@@ -1,4 +1,4 @@
-"""Jobs: work that is leased to one worker at a time, tried again after a pause, and set aside at last."""
+"""Jobs: leased to one worker at a time, repeated after a failure, set aside after the last attempt."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Lease:
     job : int
         Its number.
     token : str
-        Of this lease: what comes back after it was lost is dropped.
+        Of this lease; a result that arrives after the lease was lost is dropped.
     kind, argument : str
         What is to be done.
     """
@@ -146,7 +146,7 @@ def fail_job(service: Service, lease: Lease, reason: str, clock: Clock = time.ti
 
 
 def release_jobs(session: Session, lease: Lease | None = None) -> None:
-    """Give leases back without an attempt: one, or all, of a server that has ended."""
+    """Release one lease, or all those of a server that has ended, without counting an attempt."""
     leased = select(JobRow).where(JobRow.lease.is_not(None))
     if lease is not None:
         leased = leased.where(JobRow.id == lease.job, JobRow.lease == lease.token)
@@ -161,7 +161,7 @@ def waiting_runs(session: Session) -> int:
 
 
 def job_documents(session: Session) -> list[dict[str, Any]]:
-    """Every job, those that are due first."""
+    """All jobs, those that were set aside last."""
     rows = session.scalars(select(JobRow).order_by(JobRow.set_aside, JobRow.priority, JobRow.id))
     found = []
     for row in rows:

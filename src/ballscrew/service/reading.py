@@ -1,4 +1,4 @@
-"""Answers of the service: axes, runs, history, state, forecast, jobs, and what changes."""
+"""Answers of the service: axes, runs, history, state, forecast, jobs, and changes."""
 
 from __future__ import annotations
 
@@ -258,7 +258,7 @@ def stream_events(
     service: RunningService,
     last_event_id: Annotated[str | None, Header()] = None,
 ) -> StreamingResponse:
-    """What changes, as server-sent events; after ``Last-Event-ID`` without a gap."""
+    """Changes as server-sent events, continued after ``Last-Event-ID`` without a gap."""
     after = None
     if last_event_id is not None and last_event_id.isdecimal():
         after = min(int(last_event_id), 1 << 31)

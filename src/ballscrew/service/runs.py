@@ -48,7 +48,7 @@ class SentFile(BaseModel):
 
 
 class Completion(BaseModel):
-    """What makes files a run."""
+    """Request that makes files a run."""
 
     model_config = ConfigDict(extra="forbid")
     files: list[SentFile] = Field(max_length=1000)
@@ -99,7 +99,7 @@ def setup_texts(session: Session, axis: int) -> dict[str, str]:
 def complete_run(
     axis: str, run: RunKey, body: Completion, caller: AnyCaller, service: RunningService
 ) -> JSONResponse:
-    """Make files a run, which is analysed next: 202, or 200 if its content is there already."""
+    """Make files a run and queue its analysis: 202, or 200 if the same content is already there."""
     service.store.check_writable()
     with service.store.read() as session:
         row = find_sent_axis(session, axis, caller)
@@ -180,7 +180,7 @@ def _recordings(stated: RunFile, hashes: Mapping[str, str]) -> list[dict[str, st
     for path in stated.files:
         name = _base(Path(str(path)))
         if name not in hashes:
-            raise InputError(f"RUN.toml names the file {shown(name)}, which is none of those that were sent.")
+            raise InputError(f"RUN.toml names the file {shown(name)}, which was not sent.")
         files.append({"name": name, "sha256": hashes[name]})
     return files
 

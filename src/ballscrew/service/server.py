@@ -37,7 +37,7 @@ _WAITING = 2048  # connections that wait to be accepted
 
 
 class GracefulServer(uvicorn.Server):
-    """A server that a signal ends with exit status 0, after requests and workers have ended.
+    """Server that stops after a signal with exit status 0, once requests and workers have ended.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def _uvicorn_config(service: Service, workers: Sequence[Worker]) -> uvicorn.Conf
 
 
 def _recover(service: Service) -> None:
-    """Go on where an earlier server ended: its leases are void, its messages are written."""
+    """Continue after an earlier server: release its leases, write messages and request assessments."""
     shutil.rmtree(service.scratch, ignore_errors=True)
     for folder in (service.scratch, service.partial):
         folder.mkdir(exist_ok=True)

@@ -40,7 +40,7 @@ class RefusedError(BallscrewError):
     headers : mapping, optional
         Of the answer.
     document : mapping, optional
-        More of the answer than the sentence.
+        Further keys of the answer.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class ServedStore(OpenStore):
 
 @contextmanager
 def _available() -> Iterator[None]:
-    """Sentences about the database as refusals: the sender may try again."""
+    """Refuse a request after an error of the database; the sender may repeat it."""
     try:
         yield
     except InputError as error:
@@ -151,7 +151,7 @@ def service_of(request: Request) -> Service:
 
 
 def answer_errors(app: FastAPI) -> None:
-    """Answer refusals, what was wrong in what was sent, and bugs, each with a sentence."""
+    """Answer every refusal, wrong input and unexpected error with a sentence."""
     app.add_exception_handler(BallscrewError, _refuse)
     app.add_exception_handler(RequestValidationError, _refuse_invalid)
     app.add_exception_handler(HTTPException, _refuse_http)
@@ -159,7 +159,7 @@ def answer_errors(app: FastAPI) -> None:
 
 
 def _refuse(request: Request, error: Exception) -> JSONResponse:  # noqa: ARG001  as Starlette calls it
-    """Answer of a refusal, or of what was wrong in what was sent."""
+    """Answer to a request that is refused, or whose content is wrong."""
     if isinstance(error, RefusedError):
         return JSONResponse({"detail": str(error), **error.document}, error.status, error.headers)
     return JSONResponse({"detail": str(error)}, UNPROCESSABLE)
@@ -178,6 +178,6 @@ def _refuse_http(request: Request, error: Exception) -> JSONResponse:  # noqa: A
 
 
 def _report(request: Request, error: Exception) -> JSONResponse:
-    """Answer of a bug."""
+    """Answer after an unexpected error."""
     _log.error("%s %s", request.method, request.url.path, exc_info=error)
     return JSONResponse({"detail": "unexpected error: this is a bug; see the server's log."}, 500)

@@ -39,7 +39,7 @@ class ServerSettings(BaseSettings):
         (), description="Names by which clients may address the server, besides those of this computer."
     )
     allow_plain_http: bool = Field(
-        False, description="Permit to listen off loopback without TLS; tokens then travel unencrypted."
+        False, description="Permit other addresses than loopback without TLS; tokens then travel unencrypted."
     )
     certificate: Path | None = Field(None, description="Certificate chain for TLS, PEM.")
     private_key: Path | None = Field(None, description="Private key of the certificate, PEM.")
@@ -55,7 +55,9 @@ class ServerSettings(BaseSettings):
     back_off_s: float = Field(30.0, ge=0, description="Pause before the second attempt; doubled each time.")
     upload_idle_s: float = Field(30.0, gt=0, description="Time without a byte that ends an upload.")
     unused_days: float = Field(
-        7.0, gt=0, description="Age at which incomplete uploads, and files of no run, are removed."
+        7.0,
+        gt=0,
+        description="Age at which incomplete uploads and files of no run are removed.",
     )
 
     @property
@@ -75,7 +77,7 @@ class ServerSettings(BaseSettings):
         for name in ("certificate", "private_key"):
             path = getattr(self, name)
             if path is not None and not path.is_file():
-                found.append(f"{name}: {path} is no file.")
+                found.append(f"{name}: {path} is not a file.")
         if not self.on_loopback and self.certificate is None and not self.allow_plain_http:
             found.append(
                 f"{self.host} is not a loopback address: give certificate and private_key, or set "
@@ -126,7 +128,7 @@ def read_settings(folder: Path, config: Path | None, options: dict[str, Any]) ->
 
 
 def config_path(folder: Path, config: Path | None) -> Path | None:
-    """File of settings; None where there is none.
+    """File of settings, or None if there is none.
 
     Raises
     ------

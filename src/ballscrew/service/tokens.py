@@ -26,7 +26,7 @@ _LOCAL = "local"  # who uses the command line, in the audit
 
 
 class NewToken(BaseModel):
-    """Whose token is created: either of an administrator, or of a machine."""
+    """Owner of a new token: either an administrator or a machine."""
 
     model_config = ConfigDict(extra="forbid")
     admin: bool = Field(False, description="Of an administrator, who may do everything.")
@@ -69,7 +69,7 @@ def create_token(store: OpenStore, machine: str | None, *, admin: bool, by: str 
     store : OpenStore
         The store.
     machine : str or None
-        Name of the machine for whose axes alone it may send.
+        Name of the machine; the token may then only send runs of its axes.
     admin : bool
         Whether it is that of an administrator instead.
     by : str
@@ -83,7 +83,7 @@ def create_token(store: OpenStore, machine: str | None, *, admin: bool, by: str 
     Raises
     ------
     InputError
-        If it is of neither or both, or there is no such machine, or there are several of this name.
+        If both or neither are given, there is no such machine, or several have this name.
     """
     if admin == (machine is not None):
         raise InputError("a token is that of either an administrator (admin) or a machine (its name).")

@@ -47,7 +47,7 @@ RunKey = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A part of a file, from ``start`` to before ``stop`` of ``total``; None where it is not stated."""
+    """Bytes ``start`` to ``stop``, exclusive, of a file of ``total`` bytes; None where it is not stated."""
 
     start: int
     stop: int | None
@@ -62,7 +62,7 @@ def may_send(axis: str, caller: AnyCaller, service: RunningService) -> None:
 
 @router.head("/files/{sha256}", dependencies=[Depends(may_send)], status_code=204)
 def show_file(run: RunKey, sha256: Sha256, service: RunningService) -> Response:  # noqa: ARG001
-    """How much of a file is there: 200 with ``Upload-Complete: ?1``, or 204, both with ``Upload-Offset``."""
+    """How much of a file is stored: 200 with ``Upload-Complete: ?1``, or 204, both with ``Upload-Offset``."""
     size = stored_size(service, sha256)
     if size is not None:
         return Response(status_code=200, headers={OFFSET: str(size), COMPLETE: "?1"})
@@ -145,7 +145,7 @@ async def _blocks(request: Request, service: Service) -> AsyncIterator[bytes]:
             async with asyncio.timeout(service.settings.upload_idle_s):
                 chunk = await anext(stream, None)
         except TimeoutError:
-            raise RefusedError(408, "no byte has come for too long.") from None
+            raise RefusedError(408, "no data arrived for too long.") from None
         if chunk is None:
             break
         size += len(chunk)
@@ -159,7 +159,7 @@ async def _blocks(request: Request, service: Service) -> AsyncIterator[bytes]:
 
 
 async def _write(request: Request, service: Service, path: Path, part: Part) -> int:
-    """Append a part to an incomplete file, or begin it anew; its size then."""
+    """Append a part to an incomplete file, or begin it anew, and return its size."""
     size = part.start
     mode = "r+b" if part.start else "wb"
     try:
@@ -213,7 +213,7 @@ def _store(service: Service, path: Path, sha256: str) -> None:
 def recover_uploads(service: Service) -> None:
     """Remove what a server that was killed left behind: files without a row, and incomplete copies.
 
-    A file is in ``partial`` until its row is there, so that these are all.
+    A file stays in ``partial`` until its row is written: no other file can lack one.
     """
     files = service.store.folder.files
     for path in files.glob(f"{INCOMING}*"):
@@ -255,7 +255,7 @@ def remove_unused(service: Service) -> None:
 
 
 def _unused_files(session: Session, service: Service, oldest: float) -> list[RawFile]:
-    """Rows of the files that no run refers to, and that nobody has asked for lately."""
+    """Rows of the files that no run refers to and no sender has asked for since ``oldest``."""
     recordings = select(RecordingRow.run_id).where(RecordingRow.sha256 == RawFile.sha256)
     found = session.scalars(select(RawFile).where(RawFile.archived_to.is_(None), ~recordings.exists()))
     rows = {row.sha256: row for row in found if _asked_at(service, row) < oldest}
@@ -275,14 +275,14 @@ def _path(service: Service, row: RawFile) -> Path:
 
 
 def _asked_at(service: Service, row: RawFile) -> float:
-    """Time at which a file was sent or last asked for, s; now if it is missing, which is no reason to act."""
+    """Time at which a file was sent or last asked for, s; the present if it is missing."""
     with suppress(OSError):
         return _path(service, row).stat().st_mtime
     return time.time()
 
 
 def stored_size(service: Service, sha256: str) -> int | None:
-    """Size of a file that is in the store; None if it is not. It counts as asked for now."""
+    """Size of a file that is in the store; None if it is not. The file counts as asked for."""
     with service.store.read() as session:
         row = raw_file(session, sha256)
         if row is None:

@@ -1,4 +1,4 @@
-"""Workers: warm processes that analyse and assess, hand results back through a pipe, and never write."""
+"""Workers: processes that analyse and assess, return results through a pipe, and never write."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ Task = AnalysisTask | AssessmentTask
 
 
 def work(pipe: Connection, scratch: str) -> None:
-    """Main function of a worker: tasks in, results out, until the pipe ends.
+    """Main function of a worker: receive tasks and return results until the pipe is closed.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ class Worker:
         return message
 
     def _end_process(self) -> str:
-        """Kill the process; how it ended."""
+        """Kill the process, and describe how it ended."""
         if self.process is None:
             return "it did not start"
         ended = not self.process.is_alive()
@@ -244,7 +244,7 @@ class Worker:
         self._end_process()
 
     def _do(self, lease: Lease) -> bool:
-        """Do a job; whether the process can go on."""
+        """Do a job, and return whether the process can do another."""
         task = task_of(self.service, lease)
         if task is None or self.pipe is None:
             return True
