@@ -150,6 +150,16 @@ def test_a_bearing():
     assert compliance.bearing_compliance(160e6) == pytest.approx(6.25e-9)
 
 
+def test_a_nut_at_the_end_of_the_shaft_but_for_rounding():
+    at_end = np.nextafter(0.9, 1.0)
+    shaft = compliance.shaft_compliance(at_end, **SHAFT, support="fixed-fixed", length=0.9)
+    both = compliance.support_compliance(
+        at_end, **SHAFT, support="fixed-fixed", length=0.9, bearing_stiffness=1e8, far_stiffness=1e30
+    )
+    assert shaft == 0
+    assert both == pytest.approx(0, abs=1e-20)
+
+
 @pytest.mark.parametrize("support", ["fixed-free", "fixed-fixed"])
 def test_a_nut_beyond_an_end(support):
     for function, more in (

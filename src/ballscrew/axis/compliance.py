@@ -12,6 +12,8 @@ from ballscrew.axis.sheet import SUPPORTS
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
+_ROUNDING = 1e-9  # of a length: a place at the end of a shaft may be computed as one beyond it
+
 
 def transmission_ratio(lead: float) -> float:
     """β = lead / 2π: travel per angle, m/rad."""
@@ -52,7 +54,7 @@ def shaft_compliance(
     distance = not_negative("distance from the bearing", x, "m")
     if support == "fixed-fixed":
         length = _length(length, distance)
-        return np.asarray(distance * (length - distance) / (length * section))
+        return np.asarray(distance * np.maximum(length - distance, 0.0) / (length * section))
     if support not in SUPPORTS:
         raise InputError(f"the support is {support!r}; it must be one of {', '.join(SUPPORTS)}")
     return np.asarray(distance / section)
@@ -110,7 +112,8 @@ def support_compliance(
     length = _length(length, distance)
     far_bearing = bearing if far_stiffness is None else bearing_compliance(far_stiffness)
     near = bearing + shaft_compliance(distance, **shaft, support="fixed-free")
-    far = far_bearing + shaft_compliance(length - distance, **shaft, support="fixed-free")
+    to_far_end = np.maximum(length - distance, 0.0)
+    far = far_bearing + shaft_compliance(to_far_end, **shaft, support="fixed-free")
     return np.asarray(near * far / (near + far))
 
 
@@ -118,7 +121,7 @@ def _length(length: float | None, distance: Array) -> float:
     """Checked length of a shaft with both ends fixed."""
     if length is None:
         raise InputError("a fixed-fixed shaft needs its length between the bearings")
-    if np.any(distance > length):
+    if np.any(distance > length * (1 + _ROUNDING)):
         raise InputError(
             f"a distance of {distance.max():g} m from the bearing was given; the shaft is {length:g} m long"
         )
