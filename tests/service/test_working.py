@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from tests.service.conftest import FILES, SETUP, NewService, client_of, send, wo
 from tests.store.stored import RUNS, count, imitate_analysis, write_recordings
 
 from ballscrew.service.jobs import lease_job, release_jobs
-from ballscrew.service.serving import Service
+from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.working import Worker, finish, task_of
 from ballscrew.store.adding import add
 from ballscrew.store.tables import JobRow, ResultRow, RunRow
@@ -95,6 +96,48 @@ def test_a_poison_run_does_not_stop_the_others(new_service: NewService) -> None:
 
         work_off(service, analyse)
         assert (status_of(client, "r1"), status_of(client, "r2")) == ("set aside", "done")
+
+
+def test_a_result_that_the_store_does_not_accept_is_refused_at_once(
+    client: TestClient, service: Service
+) -> None:
+    send(client)
+    early = replace(RUNS[0], measured_at="1961-05-05T00:00:00Z")
+    assert work_off(service, lambda _: ("done", (early.to_json(), []))) == 1
+    (sent,) = client.get("/api/v1/axes/bench/runs").json()["sent"]
+    assert (sent["status"], "1961" in sent["error"]) == ("refused", True)
+    assert count(service.store, JobRow) == count(service.store, RunRow) == 0
+
+
+def test_an_unexpected_error_while_a_result_is_stored_counts_as_an_attempt(
+    new_service: NewService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service = new_service(back_off_s=0.0, attempts=2)
+    monkeypatch.setattr("ballscrew.service.working.store_result", lambda *_: 1 / 0)
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        send(client)
+        assert work_off(service, lambda _: ("done", (RUNS[0].to_json(), []))) == 2
+        (job,) = client.get("/api/v1/jobs").json()["jobs"]
+        assert (job["status"], "ZeroDivisionError" in job["error"]) == ("set aside", True)
+        assert status_of(client, "r1") == "set aside"
+
+
+@pytest.mark.parametrize("status", [503, 507])
+def test_a_result_is_not_refused_because_the_store_cannot_be_written(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch, status: int
+) -> None:
+    send(client)
+    lease = lease_job(service)
+    assert lease is not None
+
+    def refuse(*_: object) -> None:
+        raise RefusedError(status, "the disk is full.")
+
+    monkeypatch.setattr("ballscrew.service.working.store_result", refuse)
+    with pytest.raises(RefusedError, match="the disk is full"):
+        finish(service, lease, "done", (RUNS[0].to_json(), []))
+    assert status_of(client, "r1") == "queued"
 
 
 def test_a_result_that_comes_after_its_lease_was_lost_is_dropped(

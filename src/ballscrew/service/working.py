@@ -26,7 +26,7 @@ from ballscrew.service import jobs
 from ballscrew.service.alarms import report_bad_measurement, write_messages
 from ballscrew.service.jobs import Lease
 from ballscrew.service.runs import QUEUED, REFUSED, SET_ASIDE, document_texts, store_result
-from ballscrew.service.serving import Service
+from ballscrew.service.serving import FULL, UNAVAILABLE, RefusedError, Service
 from ballscrew.store.assessing import MadeAssessment, compute_assessment, store_assessment
 from ballscrew.store.folder import now
 from ballscrew.store.opened import OpenStore, record
@@ -295,6 +295,8 @@ def _remove(session: Session, lease: Lease) -> None:
 def finish(service: Service, lease: Lease, outcome: str, value: Any) -> bool:
     """Store the result of a job, unless its lease was lost.
 
+    A result that the store does not accept is refused; an unexpected error is a failed attempt.
+
     Parameters
     ----------
     service : Service
@@ -311,6 +313,19 @@ def finish(service: Service, lease: Lease, outcome: str, value: Any) -> bool:
     bool
         Whether the lease was current.
     """
+    try:
+        return _store_outcome(service, lease, outcome, value)
+    except Exception as error:
+        if isinstance(error, RefusedError) and error.status in (UNAVAILABLE, FULL):
+            raise  # nothing can be stored: the job is repeated when its lease has ended
+        if isinstance(error, BallscrewError) and outcome == "done":
+            return finish(service, lease, "refused", str(error))
+        _log.exception("%s %s", lease.kind, lease.argument[:12])
+        fail(service, lease, f"unexpected error ({type(error).__name__}: {error})")
+        return True
+
+
+def _store_outcome(service: Service, lease: Lease, outcome: str, value: Any) -> bool:
     if outcome == "failed":
         fail(service, lease, str(value))
         return True
