@@ -28,6 +28,8 @@ ROUTES = {
     ("PUT", "/api/v1/axes/{axis}"): ("/api/v1/axes/bench", ADMIN),
     ("PUT", "/api/v1/axes/{axis}/model"): ("/api/v1/axes/bench/model", ADMIN),
     ("POST", "/api/v1/axes/{axis}/events"): ("/api/v1/axes/bench/events", ADMIN),
+    ("POST", "/api/v1/axes/{axis}/runs/{run}/exclusion"): ("/api/v1/axes/bench/runs/r/exclusion", ADMIN),
+    ("DELETE", "/api/v1/axes/{axis}/runs/{run}/exclusion"): ("/api/v1/axes/bench/runs/r/exclusion", ADMIN),
     ("GET", "/api/v1/axes"): ("/api/v1/axes", ADMIN),
     ("GET", "/api/v1/axes/{axis}"): ("/api/v1/axes/bench", ADMIN),
     ("GET", "/api/v1/axes/{axis}/state"): ("/api/v1/axes/bench/state", ADMIN),

@@ -1,4 +1,4 @@
-"""Set-up of an axis over HTTP: machine, data sheet, plan, channel map, schedule, model and events."""
+"""Set-up of an axis over HTTP: machine, documents, schedule, model, events and exclusions."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
+from sqlalchemy import select
 
 from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError, shown
@@ -18,17 +19,18 @@ from ballscrew.fcft.plan import read_plan
 from ballscrew.monitoring.epochs import Event
 from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.channels import read_channels
-from ballscrew.service.access import AdminCaller, RunningService, find_sent_axis
+from ballscrew.service.access import AdminCaller, Caller, RunningService, find_sent_axis
 from ballscrew.service.jobs import request_assessment
 from ballscrew.service.reading import missing_of
-from ballscrew.service.serving import Service
+from ballscrew.service.serving import RefusedError, Service
 from ballscrew.store.adding import add_events, add_model, add_sheet, insert_document
+from ballscrew.store.changing import exclude
 from ballscrew.store.folder import now
 from ballscrew.store.histories import read_stored_history
 from ballscrew.store.opened import record
 from ballscrew.store.raw_files import text_files
 from ballscrew.store.reading import find_axis
-from ballscrew.store.tables import Setup
+from ballscrew.store.tables import RunRow, Setup
 
 router = APIRouter(prefix="/api/v1/axes/{axis}")
 
@@ -65,6 +67,13 @@ class NewEvent(BaseModel):
     at: str = Field(max_length=64, description="ISO 8601.")
     kind: str = Field(max_length=64)
     text: str = Field("", max_length=10_000)
+
+
+class NewExclusion(BaseModel):
+    """Why a run is excluded."""
+
+    model_config = ConfigDict(extra="forbid")
+    reason: str = Field(min_length=1, max_length=10_000)
 
 
 @router.put("")
@@ -128,6 +137,32 @@ def add_axis_events(
     added = add_events(service.store, found, axis)
     _assess_soon(service, axis, caller.name)
     return {"schema": SCHEMA, "axis": axis, "stored": True, "new": added.is_new}
+
+
+@router.post("/runs/{run}/exclusion")
+def exclude_run(
+    axis: str, run: str, body: NewExclusion, caller: AdminCaller, service: RunningService
+) -> dict[str, Any]:
+    """Exclude a run from the history of an axis, with a reason; it stays in the store."""
+    return _exclude(service, axis, run, caller, body.reason)
+
+
+@router.delete("/runs/{run}/exclusion")
+def include_run(axis: str, run: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
+    """Include a run that was excluded again."""
+    return _exclude(service, axis, run, caller, None)
+
+
+def _exclude(service: Service, axis: str, run: str, caller: Caller, reason: str | None) -> dict[str, Any]:
+    """Exclude a run, or include it where there is no reason, and assess its axis."""
+    with service.store.read() as session:
+        row = find_sent_axis(session, axis, caller)
+        found = session.scalar(select(RunRow.id).where(RunRow.axis_id == row.id, RunRow.run == run))
+    if found is None:
+        raise RefusedError(404, f"there is no run {shown(run)} of the axis {shown(axis)}.")
+    exclude(service.store, run, reason=reason or "", undo=reason is None)
+    _assess_soon(service, axis, caller.name)
+    return {"schema": SCHEMA, "axis": axis, "id": run, "excluded": reason is not None}
 
 
 def _preview(service: Service, axis: str, events: tuple[Event, ...]) -> dict[str, Any]:
