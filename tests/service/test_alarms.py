@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -9,12 +10,16 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 from tests.estimation.made_runs import calibrated
-from tests.service.conftest import SETUP, events_of, send, send_result, work_off
+from tests.service.conftest import SETUP, NewService, client_of, events_of, send, send_result, work_off
 from tests.store.stored import MODEL, RUNS
 
+from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.service.alarms import watch_for_silence
+from ballscrew.service.jobs import lease_job
 from ballscrew.service.serving import Service
+from ballscrew.service.working import finish
+from ballscrew.store.adding import add_run
 from ballscrew.store.changing import exclude
 from ballscrew.store.tables import Message
 
@@ -76,6 +81,70 @@ def test_an_axis_that_cannot_be_assessed_says_why(client: TestClient, service: S
     assert (state["state"], "2 models of the axis" in state["reasons"][0]) == ("not assessed", True)
     (job,) = client.get("/api/v1/jobs").json()["jobs"]
     assert (job["kind"], job["status"]) == ("assess", "set aside")
+
+
+def test_a_refused_assessment_is_a_trouble_until_the_axis_is_assessed(
+    client: TestClient, service: Service
+) -> None:
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    assert client.get("/api/v1/jobs").json()["jobs"] == []  # that a run is missing is no trouble
+    files = (replace(RUNS[0].files[0], name="a.h5", sha256="ab" * 32),)
+    for number, name in enumerate(("one", "copy")):
+        add_run(service.store, replace(RUNS[number], id=name, files=files))
+    for number in (2, 3):
+        send_result(client, number)  # a good run does not end the trouble
+        assess(service)
+        (alarm,) = alarms(client)
+        assert (alarm["kind"], alarm["state"]) == ("assessment", "raised")
+        (axis,) = client.get("/api/v1/axes").json()["axes"]
+        assert "the same recording, 'a.h5'" in axis["refusal"]
+        assert alarm["text"] == f"the axis cannot be assessed: {axis['refusal']}"
+        assert axis["reasons"] == [axis["refusal"]]
+        assert '<br><span class="soft">cannot be assessed: ' in client.get("/").text
+    exclusion = "/api/v1/axes/bench/runs/copy/exclusion"
+    assert client.post(exclusion, json={"reason": "copied"}).json()["excluded"]
+    assess(service)
+    assert alarms(client)[0]["state"] == "ended"
+    assert client.get("/api/v1/axes").json()["axes"][0]["refusal"] is None
+    assert client.delete(exclusion).json() == {
+        "schema": SCHEMA, "axis": "bench", "id": "copy", "excluded": False,
+    }  # fmt: skip
+    assess(service)
+    assert [alarm["state"] for alarm in alarms(client)] == ["raised", "ended"]
+
+
+def test_an_assessment_that_always_fails_is_a_trouble(new_service: NewService) -> None:
+    service = new_service(back_off_s=0.0, attempts=2)
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+        send_result(client, 0)
+        while (lease := lease_job(service)) is not None:
+            assert alarms(client) == []
+            finish(service, lease, "failed", "x")
+        assert [each["text"] for each in alarms(client)] == ["the axis cannot be assessed: x"]
+
+
+@pytest.mark.parametrize(
+    ("axis", "run", "body", "status"),
+    [
+        ("bench", "none", {"reason": "x"}, 404),
+        ("none", RUNS[0].id, {"reason": "x"}, 404),
+        ("Y axis", RUNS[0].id, {"reason": "x"}, 404),
+        ("bench", RUNS[0].id[:5], {"reason": "x"}, 404),
+        ("bench", RUNS[0].id, {"reason": " "}, 422),
+        ("bench", RUNS[0].id, {}, 422),
+        ("bench", RUNS[0].id, {"reason": "x\x00"}, 422),
+    ],
+)
+def test_what_cannot_be_excluded_is_refused(
+    client: TestClient, axis: str, run: str, body: dict[str, str], status: int
+) -> None:
+    sheet = SETUP["sheet"].replace('"bench"', '"Y axis"')
+    client.put("/api/v1/axes/Y axis", json=SETUP | {"sheet": sheet})
+    send_result(client, 0)
+    assert client.post(f"/api/v1/axes/{axis}/runs/{run}/exclusion", json=body).status_code == status
+    assert client.get("/api/v1/axes/bench").json()["exclusions"] == []
 
 
 @pytest.mark.parametrize(

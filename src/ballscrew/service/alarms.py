@@ -23,7 +23,7 @@ from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, Message, RunRow,
 
 router = APIRouter(prefix="/api/v1/alarms")
 
-SILENCE, MEASUREMENT = "silence", "measurement"
+SILENCE, MEASUREMENT, ASSESSMENT = "silence", "measurement", "assessment"
 _ACTIONS = {"acknowledge": "acknowledged", "shelve": "shelved", "close": "closed", "reopen": "raised"}
 
 
@@ -176,12 +176,31 @@ def report_bad_measurement(session: Session, axis: Axis, at: str, reasons: Seque
     _set_trouble(session, axis, MEASUREMENT, at if reasons else None, " ".join(reasons))
 
 
+def report_refused_assessment(session: Session, axis: Axis, reason: str | None) -> None:
+    """Raise a trouble because an axis cannot be assessed, or end it.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    axis : Axis
+        The axis.
+    reason : str or None
+        Why; None after an assessment.
+    """
+    text = "" if reason is None else f"the axis cannot be assessed: {reason}"
+    _set_trouble(session, axis, ASSESSMENT, None if reason is None else now(), text)
+
+
 def _set_trouble(session: Session, axis: Axis, kind: str, began_at: str | None, text: str = "") -> bool:
     """Raise a trouble, or end it where ``began_at`` is None; whether something changed."""
     standing = session.scalar(
         select(Trouble).where(Trouble.axis_id == axis.id, Trouble.kind == kind, Trouble.ended_at.is_(None))
     )
-    if (standing is None) == (began_at is None):
+    if standing is not None and began_at is not None:
+        standing.text = text
+        return False
+    if standing is None and began_at is None:
         return False
     if standing is None:
         same = (Trouble.axis_id == axis.id, Trouble.kind == kind, Trouble.began_at == began_at)

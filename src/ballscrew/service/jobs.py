@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from ballscrew.service.serving import Service
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
-from ballscrew.store.tables import Axis, JobRow, Model
+from ballscrew.store.tables import Axis, JobRow, Model, RunRow
 
 ANALYSE, ASSESS = "analyse", "assess"
 PRIORITIES = {ASSESS: 0, ANALYSE: 10}
@@ -65,8 +65,10 @@ def enqueue(session: Session, kind: str, argument: str) -> None:
 
 
 def request_assessment(session: Session, axis: Axis) -> None:
-    """Add the job that assesses an axis, once it has a model."""
-    if session.scalar(select(Model.digest).where(Model.axis_id == axis.id).limit(1)) is not None:
+    """Add the job that assesses an axis, once it has a model and a run with a time."""
+    model = select(Model.digest).where(Model.axis_id == axis.id).limit(1)
+    run = select(RunRow.id).where(RunRow.axis_id == axis.id, RunRow.time.is_not(None)).limit(1)
+    if session.scalar(model) is not None and session.scalar(run) is not None:
         enqueue(session, ASSESS, axis.name)
 
 

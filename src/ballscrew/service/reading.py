@@ -55,20 +55,28 @@ def show_axes(caller: AdminCaller, service: RunningService) -> dict[str, Any]:  
 
 
 def fleet_document(service: Service) -> dict[str, Any]:
-    """Every axis with its state; one that cannot be assessed with what is missing."""
+    """Every axis with its state; one that cannot be assessed with the reason."""
     document = list_axes(service.store)
     with service.store.read() as session:
-        missing = _all_missing(session)
+        missing, refusals = _all_missing(session), _refusals(session)
     for axis in document["axes"]:
-        _add_missing(axis, missing.get(axis["axis"], []))
+        _add_missing(axis, missing.get(axis["axis"], []), refusals.get(axis["axis"]))
     return document
 
 
-def _add_missing(document: dict[str, Any], missing: list[str]) -> None:
-    """State of an axis that was never assessed."""
-    document["missing"] = missing
+def _add_missing(document: dict[str, Any], missing: list[str], refusal: str | None) -> None:
+    """What an axis lacks, why its assessment was refused, and its state if it was never assessed."""
+    document["missing"], document["refusal"] = missing, refusal
+    if refusal is not None:
+        document["reasons"] = [refusal]
     if document["assessed_at"] is None:
         document["state"] = document["urgency"] = "not assessed"
+
+
+def _refusals(session: Session) -> dict[str, str | None]:
+    """Why the assessment of an axis was set aside, by the name of the axis."""
+    aside = session.scalars(select(JobRow).where(JobRow.kind == ASSESS, JobRow.set_aside))
+    return {row.argument: row.error for row in aside}
 
 
 def missing_of(service: Service, axis: str) -> list[str]:
@@ -114,12 +122,9 @@ def axis_document(service: Service, axis: str) -> dict[str, Any]:
         document = show_axis(service.store, axis)
     except InputError as error:
         raise RefusedError(404, str(error)) from None
-    _add_missing(document, missing_of(service, axis))
     with service.store.read() as session:
-        refused = (JobRow.kind == ASSESS, JobRow.argument == axis, JobRow.set_aside)
-        reason = session.scalar(select(JobRow.error).where(*refused))
-    if reason is not None:
-        document["reasons"] = [reason]
+        missing, refusals = _all_missing(session), _refusals(session)
+    _add_missing(document, missing.get(axis, []), refusals.get(axis))
     return document
 
 
@@ -129,7 +134,7 @@ def show_state(axis: str, caller: AdminCaller, service: RunningService) -> dict[
     return _named(
         axis_document(service, axis),
         "axis", "state", "urgency", "last_state", "changed_at", "assessed_at", "newest_at", "alarm_at",
-        "stiffness", "missing", "reasons",
+        "stiffness", "missing", "refusal", "reasons",
     )  # fmt: skip
 
 

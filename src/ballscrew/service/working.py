@@ -23,7 +23,7 @@ from sqlalchemy.orm import Session
 from ballscrew.base.errors import BallscrewError
 from ballscrew.modal.run import Run
 from ballscrew.service import jobs
-from ballscrew.service.alarms import report_bad_measurement, write_messages
+from ballscrew.service.alarms import report_bad_measurement, report_refused_assessment, write_messages
 from ballscrew.service.jobs import Lease
 from ballscrew.service.runs import QUEUED, REFUSED, SET_ASIDE, document_texts, store_result
 from ballscrew.service.serving import FULL, UNAVAILABLE, RefusedError, Service
@@ -340,6 +340,7 @@ def _store_outcome(service: Service, lease: Lease, outcome: str, value: Any) -> 
         elif outcome == "refused":
             row.lease = row.lease_until = None
             row.set_aside, row.error = True, value
+            report_refused_assessment(session, find_axis(session, row.argument), value)
         else:
             _finish_assessment(session, row, value)
     return True
@@ -368,6 +369,7 @@ def _finish_assessment(session: Session, row: JobRow, made: MadeAssessment) -> N
     if store_assessment(session, made):
         session.delete(row)
         write_messages(session, axis)
+        report_refused_assessment(session, axis, None)
     else:  # a run has come meanwhile
         row.lease = row.lease_until = None
 
@@ -378,7 +380,7 @@ def _uploads(session: Session, content: str) -> list[Upload]:
 
 
 def fail(service: Service, lease: Lease, reason: str) -> None:
-    """Record that a job has failed; after the last attempt the run is set aside with the reason.
+    """Record that a job has failed; after the last attempt the job is set aside with the reason.
 
     Parameters
     ----------
@@ -390,7 +392,11 @@ def fail(service: Service, lease: Lease, reason: str) -> None:
         A sentence.
     """
     _log.warning("%s %s: %s", lease.kind, lease.argument[:12], reason)
-    if jobs.fail_job(service, lease, reason) and lease.kind == jobs.ANALYSE:
-        with service.store.write("set aside") as session:
+    if not jobs.fail_job(service, lease, reason):
+        return
+    with service.store.write("set aside") as session:
+        if lease.kind == jobs.ASSESS:
+            report_refused_assessment(session, find_axis(session, lease.argument), reason)
+        else:
             for row in _uploads(session, lease.argument):
                 row.status, row.error, row.finished_at = SET_ASIDE, reason, now()

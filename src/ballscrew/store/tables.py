@@ -463,7 +463,7 @@ class Token(Checked, Base):
 
 
 class Trouble(Checked, Base):
-    """Trouble with the measurement of an axis, not with the axis: silence, or a bad measurement."""
+    """Trouble with the measurement of an axis, not with the axis: silence, a bad one, or no assessment."""
 
     __tablename__ = "troubles"
     __table_args__ = (UniqueConstraint("axis_id", "kind", "began_at"),)
