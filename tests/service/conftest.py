@@ -6,6 +6,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -98,9 +99,9 @@ def send(client: TestClient, run: str = RUN, files: dict[str, bytes] = FILES, **
     return client.post(f"{run}/complete", json=body(files, **others))
 
 
-def send_result(client: TestClient, number: int, key: str | None = None) -> Any:
+def send_result(client: TestClient, number: int, key: str | None = None, **changes: Any) -> Any:
     """Send a run that was analysed at the machine."""
-    content = write_json(RUNS[number].to_json()).encode()
+    content = write_json(replace(RUNS[number], **changes).to_json()).encode()
     run = f"/api/v1/axes/bench/runs/{key or f'analysed-{number}'}"
     assert put(client, content, run).status_code in (200, 201)
     return client.post(f"{run}/complete", json={"files": [], "run_json": sha256(content)})

@@ -207,6 +207,16 @@ def test_a_run_that_cannot_be_analysed_is_trouble_with_the_measurement(
     assert alarms(client)[0]["state"] == "ended"
 
 
+def test_a_bad_run_that_was_analysed_at_the_machine_is_trouble_too(client: TestClient) -> None:
+    bad = replace(RUNS[0].quality, verdict="bad", reasons=("the sensor is loose.",))
+    assert send_result(client, 0, quality=bad).json()["verdict"] == "bad"
+    (alarm,) = alarms(client)
+    assert (alarm["kind"], alarm["text"]) == ("measurement", "the sensor is loose.")
+    assert alarm["began_at"] == RUNS[0].measured_at
+    send_result(client, 1)
+    assert alarms(client)[0]["state"] == "ended"
+
+
 def test_a_preview_of_a_reset_stores_nothing(client: TestClient) -> None:
     for number in range(8):
         send_result(client, number)

@@ -21,6 +21,7 @@ from ballscrew.modal.job import Job, RunFile, read_run, timestamp
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
 from ballscrew.service.access import AnyCaller, Caller, RunningService, find_sent_axis
+from ballscrew.service.alarms import report_bad_measurement
 from ballscrew.service.jobs import ANALYSE, enqueue, request_assessment, waiting_runs
 from ballscrew.service.serving import TOO_MANY, RefusedError, Service
 from ballscrew.service.uploads import RunKey, may_send, raw_file
@@ -336,7 +337,7 @@ def _conflict_document(key: str, sent: Sent) -> dict[str, Any]:
 def store_result(
     session: Session, axis: Axis, rows: list[Upload], run: Run, readers: Sequence[str | None] = ()
 ) -> None:
-    """Add the run of an analysis, and the job that assesses its axis.
+    """Add the run of an analysis, the trouble with its measurement, and the job that assesses its axis.
 
     Parameters
     ----------
@@ -362,6 +363,8 @@ def store_result(
     content, stated = rows[0].content, rows[0].stated
     if "documents" in stated:
         insert_source(session, run.id, content, {**stated, "readers": list(readers)}, {})
+    reasons = list(run.quality.reasons) if run.quality.verdict == "bad" else []
+    report_bad_measurement(session, axis, run.measured_at or rows[0].received_at, reasons)
     request_assessment(session, axis)
 
 

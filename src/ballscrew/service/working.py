@@ -360,8 +360,6 @@ def _finish_analysis(session: Session, lease: Lease, outcome: str, value: Any) -
     document, readers = value
     run = Run.from_json(document, "the run")
     store_result(session, axis, rows, run, readers)
-    reasons = list(run.quality.reasons) if run.quality.verdict == "bad" else []
-    report_bad_measurement(session, axis, run.measured_at or rows[0].received_at, reasons)
 
 
 def _finish_assessment(session: Session, row: JobRow, made: MadeAssessment) -> None:
