@@ -106,8 +106,7 @@ def complete_run(
         row = find_sent_axis(session, axis, caller)
         texts = setup_texts(session, row.id)
         stored = _stored_files(session, service, body)
-        others = set(session.scalars(select(Axis.name).where(Axis.name != axis)))
-    sent = _read_sent(axis, body, stored, texts, others)
+    sent = _read_sent(axis, body, stored, texts)
     with service.store.write("complete") as session:
         _stored_files(session, service, body)  # one may have been removed as unused meanwhile
         status, document = _accept(session, service, session.get_one(Axis, row.id), run, sent, caller)
@@ -144,7 +143,6 @@ def _read_sent(
     body: Completion,
     stored: Mapping[str, tuple[Path, RawFile]],
     texts: dict[str, str],
-    others: set[str],
 ) -> Sent:
     """Read what was sent, without its recordings."""
     sent = digest(body.model_dump())
@@ -157,7 +155,6 @@ def _read_sent(
     if body.run_toml is not None:
         with text_files({"RUN": body.run_toml}) as paths:
             stated = read_run(paths["RUN"])
-    _check_axis(axis, stated, others)
     documents = {"axis": stated.axis, "plan": stated.plan, "channels": stated.channels}
     for kind, path in documents.items():
         if path is not None and _base(path) in hashes:  # sent with the run: it counts
@@ -165,14 +162,6 @@ def _read_sent(
     files = _recordings(stated, hashes)
     content = _content(axis, stated, body.measured_at, texts, files)
     return Sent(sent, digest(content), content, files, texts)
-
-
-def _check_axis(axis: str, stated: RunFile, others: set[str]) -> None:
-    """Refuse a RUN.toml whose data sheet has the name of another axis."""
-    if stated.axis is not None:
-        named = PureWindowsPath(_base(stated.axis)).stem
-        if named in others:
-            raise InputError(f"RUN.toml names the axis {shown(named)}, not {shown(axis)}.")
 
 
 def _recordings(stated: RunFile, hashes: Mapping[str, str]) -> list[dict[str, str]]:
