@@ -112,6 +112,8 @@ NO_RUNS: list[tuple[dict[str, Any], str]] = [
     ({"files": []}, "no file"),
     ({"files": [{"name": "a.h5", "sha256": "0" * 64}]}, "is missing: send it first"),
     ({"files": [{"name": "../a.h5", "sha256": sha256(FILES["a.h5"])}]}, "pattern"),
+    ({"files": [{"name": "..", "sha256": sha256(FILES["a.h5"])}]}, "pattern"),
+    ({"files": [{"name": ".", "sha256": sha256(FILES["a.h5"])}]}, "pattern"),
     ({"files": [{"name": "a\x00", "sha256": sha256(FILES["a.h5"])}]}, "pattern"),
     ({"files": [{"name": "a.h5", "sha256": sha256(FILES["a.h5"])}] * 2}, "the same name"),
     ({"files": 3}, "list"),
@@ -156,6 +158,12 @@ def test_a_data_sheet_may_have_the_name_of_another_axis_as_its_file_name(client:
     files = FILES | {"axis.toml": AXIS.encode()}
     again = send(client, "/api/v1/axes/bench/runs/r2", files=files, run_toml=toml(axis='"axis.toml"'))
     assert (again.status_code, again.json()["id"]) == (200, plain.json()["id"])
+
+
+def test_the_name_of_a_file_may_contain_dots(client: TestClient) -> None:
+    names = [".a", "..b", "a..h5", "...trip 1.", "Fräse.h5"]
+    files = {name: name.encode() for name in names}
+    assert send(client, files=files, run_toml=toml(files=str(names))).status_code == 202
 
 
 def test_a_queue_that_is_too_long_is_429(new_service: NewService) -> None:

@@ -36,7 +36,7 @@ router = APIRouter(prefix="/api/v1/axes/{axis}/runs/{run}")
 
 QUEUED, DONE, REFUSED, SET_ASIDE, CONFLICT = "queued", "done", "refused", "set aside", "conflict"
 _DOCUMENT_BYTES = 1 << 20
-_NAME = r"^[^\x00-\x1f\x7f/\\]+$"
+_NAME = r"^\.*[^\x00-\x1f\x7f/\\.][^\x00-\x1f\x7f/\\]*$"  # more than dots
 _SHA256 = "^[0-9a-f]{64}$"
 
 
