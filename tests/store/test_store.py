@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,9 +19,10 @@ from ballscrew.calibration.modelfile import model_json
 from ballscrew.modal.amend import amend
 from ballscrew.monitoring.epochs import Event
 from ballscrew.store.adding import add_events, add_model, add_run
+from ballscrew.store.folder import DataFolder
 from ballscrew.store.histories import read_stored_history
 from ballscrew.store.store import Store
-from ballscrew.store.tables import AlarmRow, Audit, Conflict, Correction, RunRow, StateRow
+from ballscrew.store.tables import AlarmRow, Audit, Conflict, Correction, EventRow, RunRow, StateRow
 
 
 def test_monitor_of_a_store_is_that_of_its_files(store: Store) -> None:
@@ -313,3 +315,20 @@ def test_an_id_that_a_run_and_an_event_begin_with_is_refused(store: Store) -> No
     with pytest.raises(InputError, match="give more of the id"):
         store.exclude(event[:3], reason="test")
     assert store.exclude(event, reason="test") == event
+
+
+def test_a_second_init_that_waits_for_the_first_leaves_its_store(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first ends between the second's look at the folder and its lock."""
+    locked = DataFolder.locked
+
+    def locked_late(folder: DataFolder, purpose: str) -> AbstractContextManager[None]:
+        monkeypatch.setattr(DataFolder, "locked", locked)
+        add_events(Store.init(tmp_path / "store"), EVENTS, "bench")
+        return locked(folder, purpose)
+
+    monkeypatch.setattr(DataFolder, "locked", locked_late)
+    with pytest.raises(InputError, match="is a store already"):
+        Store.init(tmp_path / "store")
+    assert count(Store(tmp_path / "store"), EventRow) == len(EVENTS)

@@ -145,8 +145,7 @@ def create_store(path: str | Path, *, database: str | None = None) -> OpenStore:
     from ballscrew.store.migrating import upgrade
 
     folder = DataFolder(Path(path))
-    if folder.exists():
-        raise InputError(f"{path}: is a store already.")
+    _check_new(folder)
     try:
         make_folder(folder.path)
         others = [each.name for each in folder.path.iterdir() if not _is_own(each.name)]
@@ -155,6 +154,7 @@ def create_store(path: str | Path, *, database: str | None = None) -> OpenStore:
     if others:
         raise InputError(f"{path}: contains other files ({sorted(others)[0]}); give a new folder.")
     with translated(path), folder.locked("store init"):
+        _check_new(folder)  # another process may have created one meanwhile
         if database is None:
             # Of a creation that was killed: a store has store.toml, which is written last.
             for part in folder.path.glob("store.sqlite*"):
@@ -165,6 +165,11 @@ def create_store(path: str | Path, *, database: str | None = None) -> OpenStore:
             upgrade(connection, path, new=True)
         folder.create(database)
     return OpenStore(path)
+
+
+def _check_new(folder: DataFolder) -> None:
+    if folder.exists():
+        raise InputError(f"{folder.path}: is a store already.")
 
 
 def _is_own(name: str) -> bool:
