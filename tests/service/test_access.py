@@ -168,6 +168,8 @@ def test_a_token_that_does_not_exist_is_404(clients: list[TestClient], number: s
         ({"Host": "["}, 400),
         ({"Origin": "http://evil.example"}, 403),
         ({"Origin": "null"}, 403),
+        ({"Origin": "http://["}, 403),
+        ({"Content-Length": "9" * 5000}, 413),
         ({"Origin": "http://localhost:9999"}, 403),
         ({"Origin": "http://localhost"}, 200),
         ({"Host": "127.0.0.1:8000"}, 200),
@@ -184,3 +186,22 @@ def test_hosts_can_be_allowed(new_service: NewService) -> None:
     with client_of(new_service(allowed_hosts=("plant.example",))) as client:
         assert client.get("/livez", headers={"Host": "plant.example:443"}).status_code == 200
         assert client.get("/livez", headers={"Host": "other.example"}).status_code == 400
+
+
+def test_a_body_that_states_no_length_is_refused_once_it_is_too_large(client: TestClient) -> None:
+    def blocks() -> Iterator[bytes]:
+        for _ in range(70):
+            yield b" " * (1 << 20)
+
+    answer = client.put("/api/v1/axes/bench", content=blocks())
+    assert (answer.status_code, answer.json()) == (413, {"detail": "the body is too large."})
+    assert answer.headers["X-Content-Type-Options"] == "nosniff"
+    assert client.get("/metrics").text.count('refusals_total{status="413"} 1') == 1
+
+
+@pytest.mark.parametrize("given", ["9" * 5000, "x" * 99, "-1", ""])
+def test_changes_after_what_is_no_number_are_those_from_now_on(service: Service, given: str) -> None:
+    service.stopping.set()
+    with client_of(service) as client:
+        answer = client.get("/api/v1/events", headers={"Last-Event-ID": given})
+    assert (answer.status_code, answer.text) == (200, ": connected\n\n")

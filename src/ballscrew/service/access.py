@@ -21,6 +21,7 @@ from ballscrew.service.serving import TOO_LARGE, RefusedError, Service, service_
 from ballscrew.store.tables import Axis, Token
 
 _LONGEST_BODY = 64 << 20  # bytes of any body but a file's: MODEL.json has a few
+_MOST_DIGITS = 19  # of a number in a header
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 _HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -129,6 +130,17 @@ class Guard:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
+        answer = self._answering(send)
+        refusal = self._refusal(scope)
+        if refusal is not None:
+            await refusal(scope, receive, answer)
+        elif _is_file(scope):
+            await self.app(scope, receive, answer)
+        else:
+            await self._pass_on(scope, _LimitedBody(receive), answer)
+
+    def _answering(self, send: Send) -> Send:
+        """Send an answer with the headers of all answers."""
 
         async def answer(message: AsgiMessage) -> None:
             if message["type"] == "http.response.start":
@@ -139,14 +151,26 @@ class Guard:
                     headers.setdefault(name, value)
             await send(message)
 
+        return answer
+
+    async def _pass_on(self, scope: Scope, body: _LimitedBody, answer: Send) -> None:
+        """Answer of the route, unless the body is too large: FastAPI answers that it cannot be parsed."""
+
+        async def answer_of_route(message: AsgiMessage) -> None:
+            if not body.is_too_large:
+                await answer(message)
+
+        await self.app(scope, body.receive, answer_of_route)
+        if body.is_too_large:
+            await _too_large()(scope, body.receive, answer)
+
+    def _refusal(self, scope: Scope) -> JSONResponse | None:
+        """Refusal of a request by its headers; None if its route answers."""
         headers = Headers(scope=scope)
         refusal = self._wrong_host(headers)
-        if refusal is None and not _is_file(scope):
-            length = headers.get("content-length", "0")
-            if not length.isdecimal() or int(length) > _LONGEST_BODY:
-                refusal = JSONResponse({"detail": "the body is too large."}, TOO_LARGE)
-            receive = _limited(receive)
-        await (refusal or self.app)(scope, receive, answer)
+        if refusal is None and not _is_file(scope) and not _is_short(headers.get("content-length", "0")):
+            refusal = _too_large()
+        return refusal
 
     def _wrong_host(self, headers: Mapping[str, str]) -> JSONResponse | None:
         """Refusal of a request from another site or to a host that is not allowed; else None."""
@@ -158,7 +182,7 @@ class Guard:
         if allowed and host not in allowed:
             return JSONResponse({"detail": "the name of the host is not allowed (allowed_hosts)."}, 400)
         origin = headers.get("origin")
-        if origin is not None and urlsplit(origin).netloc != headers.get("host"):
+        if origin is not None and not _is_of(origin, headers.get("host")):
             return JSONResponse({"detail": "the request comes from another site."}, 403)
         return None
 
@@ -176,16 +200,37 @@ def _is_file(scope: Scope) -> bool:
     return scope["method"] == "PUT" and "/files/" in scope["path"]
 
 
-def _limited(receive: Receive) -> Receive:
-    """Body of a request, whose reading ends with an error once it is too large."""
-    size = 0
+def _is_of(origin: str, host: str | None) -> bool:
+    """Whether a page of an origin is of a host."""
+    try:
+        return urlsplit(origin).netloc == host
+    except ValueError:
+        return False
 
-    async def limited() -> AsgiMessage:
-        nonlocal size
-        message = await receive()
-        size += len(message.get("body", b""))
-        if size > _LONGEST_BODY:
+
+def _is_short(length: str) -> bool:
+    """Whether a body of a Content-Length may be received."""
+    return length.isdecimal() and len(length) < _MOST_DIGITS and int(length) <= _LONGEST_BODY
+
+
+def _too_large() -> JSONResponse:
+    return JSONResponse({"detail": "the body is too large."}, TOO_LARGE)
+
+
+class _LimitedBody:
+    """Body of a request, whose reading ends with an error once it is too large."""
+
+    def __init__(self, receive: Receive) -> None:
+        self._receive = receive
+        self._size = 0
+
+    @property
+    def is_too_large(self) -> bool:
+        return self._size > _LONGEST_BODY
+
+    async def receive(self) -> AsgiMessage:
+        message = await self._receive()
+        self._size += len(message.get("body", b""))
+        if self.is_too_large:
             raise RefusedError(TOO_LARGE, "the body is too large.")
         return message
-
-    return limited

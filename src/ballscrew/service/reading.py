@@ -6,6 +6,7 @@ import asyncio
 import csv
 import io
 import json
+import re
 from collections.abc import AsyncIterator, Sequence
 from importlib.util import find_spec
 from typing import Annotated, Any, Literal
@@ -265,7 +266,7 @@ def stream_events(
 ) -> StreamingResponse:
     """Changes as server-sent events, continued after ``Last-Event-ID`` without a gap."""
     after = None
-    if last_event_id is not None and last_event_id.isdecimal():
+    if last_event_id is not None and re.fullmatch("[0-9]{1,18}", last_event_id):
         after = min(int(last_event_id), 1 << 31)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
     return StreamingResponse(_events(service, after), media_type="text/event-stream", headers=headers)
