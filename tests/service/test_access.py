@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator
+from typing import NoReturn
 
 import pytest
 from fastapi.routing import APIRoute
 from fastapi.testclient import TestClient
+from starlette.types import Message
 from tests.service.conftest import SETUP, NewService, client_of, send, sha256
 from tests.simulated_bench import AXIS
 from tests.store.stored import count
@@ -91,14 +94,35 @@ def test_every_route_and_every_kind_of_caller(clients: list[TestClient], remote:
                 assert status == allowed, (method, path)
 
 
-def test_routes_outside_the_table_are_the_page_and_the_schema(remote: Service) -> None:
+def test_routes_outside_the_table_are_the_page_and_the_schema(
+    remote: Service, clients: list[TestClient]
+) -> None:
     app = create_app(remote)
     hidden = [each for each in app.routes if isinstance(each, APIRoute) and not each.include_in_schema]
     assert hidden == []
-    with client_of(remote) as client:
-        assert client.get("/").status_code == 404
-        assert client.get("/openapi.json").status_code == 200
-        assert client.get("/docs").status_code == 404
+    for path, known in (("/", 404), ("/openapi.json", 200), ("/docs", 404)):
+        statuses = [client.get(path).status_code for client in clients]
+        assert statuses == [401, known, known, known], path
+
+
+def test_a_body_without_a_token_is_not_read(remote: Service) -> None:
+    async def receive() -> NoReturn:
+        pytest.fail("the body is read")
+
+    async def send(message: Message) -> None:
+        statuses.append(message.get("status"))
+
+    statuses: list[int | None] = []
+    app = create_app(remote)
+    scope = {
+        "type": "http",
+        "method": "PUT",
+        "path": "/api/v1/axes/bench",
+        "query_string": b"",
+        "headers": [],
+    }
+    asyncio.run(app(scope, receive, send))
+    assert statuses == [401, None]
 
 
 def test_a_machine_sends_for_its_axes_alone(clients: list[TestClient]) -> None:

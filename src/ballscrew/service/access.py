@@ -12,16 +12,18 @@ from fastapi import Depends, Request
 from fastapi.responses import JSONResponse
 from sqlalchemy import select
 from sqlalchemy.orm import Session
+from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as AsgiMessage
 
-from ballscrew.base.errors import shown
-from ballscrew.service.serving import TOO_LARGE, RefusedError, Service, service_of
+from ballscrew.base.errors import BallscrewError, shown
+from ballscrew.service.serving import TOO_LARGE, RefusedError, Service, answer_refusal, service_of
 from ballscrew.store.tables import Axis, Token
 
 _LONGEST_BODY = 64 << 20  # bytes of any body but a file's: MODEL.json has a few
 _MOST_DIGITS = 19  # of a number in a header
+_OPEN = ("/livez", "/readyz")  # without a token
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 _HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -52,8 +54,8 @@ def digest_of(token: str) -> str:
     return hashlib.sha256(token.encode()).hexdigest()
 
 
-def find_caller(request: Request, service: Annotated[Service, Depends(service_of)]) -> Caller:
-    """Who sends a request, by its token; on loopback without one, the administrator.
+def find_caller(service: Service, headers: Mapping[str, str]) -> Caller:
+    """Who sends a request, by its token; without one, the administrator at this computer.
 
     Raises
     ------
@@ -61,7 +63,7 @@ def find_caller(request: Request, service: Annotated[Service, Depends(service_of
         401 without a token that is valid.
     """
     challenge = {"WWW-Authenticate": "Bearer"}
-    given = request.headers.get("authorization")
+    given = headers.get("authorization")
     if given is None:
         if service.settings.on_loopback:
             return Caller("local", None)
@@ -74,7 +76,13 @@ def find_caller(request: Request, service: Annotated[Service, Depends(service_of
     return Caller(f"token {row.id}", row.machine_id)
 
 
-AnyCaller = Annotated[Caller, Depends(find_caller)]
+def caller_of(request: Request) -> Caller:
+    """Who sends a request, as :class:`Guard` found."""
+    found: Caller = request.state.caller
+    return found
+
+
+AnyCaller = Annotated[Caller, Depends(caller_of)]
 
 
 def find_admin(caller: AnyCaller) -> Caller:
@@ -111,7 +119,7 @@ def find_sent_axis(session: Session, name: str, caller: Caller) -> Axis:
 
 
 class Guard:
-    """Checks of every request before its route: Host, Origin, and the size of its body.
+    """Checks of every request before its body is read: Host, Origin, token, and size.
 
     Parameters
     ----------
@@ -131,7 +139,7 @@ class Guard:
             await self.app(scope, receive, send)
             return
         answer = self._answering(send)
-        refusal = self._refusal(scope)
+        refusal = await self._refusal(scope)
         if refusal is not None:
             await refusal(scope, receive, answer)
         elif _is_file(scope):
@@ -164,13 +172,21 @@ class Guard:
         if body.is_too_large:
             await _too_large()(scope, body.receive, answer)
 
-    def _refusal(self, scope: Scope) -> JSONResponse | None:
+    async def _refusal(self, scope: Scope) -> JSONResponse | None:
         """Refusal of a request by its headers; None if its route answers."""
         headers = Headers(scope=scope)
         refusal = self._wrong_host(headers)
-        if refusal is None and not _is_file(scope) and not _is_short(headers.get("content-length", "0")):
-            refusal = _too_large()
-        return refusal
+        if refusal is not None:
+            return refusal
+        if scope["path"] not in _OPEN:
+            try:
+                caller = await run_in_threadpool(find_caller, self.service, headers)
+            except BallscrewError as error:
+                return answer_refusal(error)
+            scope.setdefault("state", {})["caller"] = caller
+        if not _is_file(scope) and not _is_short(headers.get("content-length", "0")):
+            return _too_large()
+        return None
 
     def _wrong_host(self, headers: Mapping[str, str]) -> JSONResponse | None:
         """Refusal of a request from another site or to a host that is not allowed; else None."""

@@ -158,11 +158,15 @@ def answer_errors(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _report)
 
 
-def _refuse(request: Request, error: Exception) -> JSONResponse:  # noqa: ARG001  as Starlette calls it
+def answer_refusal(error: BallscrewError) -> JSONResponse:
     """Answer to a request that is refused, or whose content is wrong."""
     if isinstance(error, RefusedError):
         return JSONResponse({"detail": str(error), **error.document}, error.status, error.headers)
     return JSONResponse({"detail": str(error)}, UNPROCESSABLE)
+
+
+def _refuse(request: Request, error: Exception) -> JSONResponse:  # noqa: ARG001  as Starlette calls it
+    return answer_refusal(cast("BallscrewError", error))
 
 
 def _refuse_invalid(request: Request, error: Exception) -> JSONResponse:  # noqa: ARG001
