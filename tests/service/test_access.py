@@ -229,3 +229,28 @@ def test_changes_after_what_is_no_number_are_those_from_now_on(service: Service,
     with client_of(service) as client:
         answer = client.get("/api/v1/events", headers={"Last-Event-ID": given})
     assert (answer.status_code, answer.text) == (200, ": connected\n\n")
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "plant.example"},
+        {"X-Forwarded-For": "192.0.2.7"},
+        {"X-Forwarded-Host": "localhost"},
+        {"Forwarded": "for=192.0.2.7"},
+        {"Via": "1.1 proxy"},
+        {"X-Real-IP": ""},
+    ],
+)
+def test_who_comes_through_a_proxy_on_this_computer_needs_a_token(
+    new_service: NewService, headers: dict[str, str]
+) -> None:
+    service = new_service(allowed_hosts=("plant.example",))
+    _, text = create_token(service.store, None, admin=True)
+    with client_of(service) as client:
+        for path in ("/", "/api/v1/tokens"):
+            assert client.get(path).status_code == 200
+            assert client.get(path, headers=headers).status_code == 401
+            headers_of_admin = headers | {"Authorization": f"Bearer {text}"}
+            assert client.get(path, headers=headers_of_admin).status_code == 200
+        assert client.get("/livez", headers=headers).status_code == 200

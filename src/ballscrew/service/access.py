@@ -19,11 +19,13 @@ from starlette.types import Message as AsgiMessage
 
 from ballscrew.base.errors import BallscrewError, shown
 from ballscrew.service.serving import TOO_LARGE, RefusedError, Service, answer_refusal, service_of
+from ballscrew.service.settings import ServerSettings
 from ballscrew.store.tables import Axis, Token
 
 _LONGEST_BODY = 64 << 20  # bytes of any body but a file's: MODEL.json has a few
 _MOST_DIGITS = 19  # of a number in a header
 _OPEN = ("/livez", "/readyz")  # without a token
+_FORWARDED = frozenset({"forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-real-ip"})
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 _HEADERS = {
     "X-Content-Type-Options": "nosniff",
@@ -65,7 +67,7 @@ def find_caller(service: Service, headers: Mapping[str, str]) -> Caller:
     challenge = {"WWW-Authenticate": "Bearer"}
     given = headers.get("authorization")
     if given is None:
-        if service.settings.on_loopback:
+        if _is_local(service.settings, headers):
             return Caller("local", None)
         raise RefusedError(401, "a token is needed: Authorization: Bearer TOKEN.", challenge)
     scheme, _, text = given.partition(" ")
@@ -74,6 +76,13 @@ def find_caller(service: Service, headers: Mapping[str, str]) -> Caller:
     if scheme.lower() != "bearer" or row is None or row.revoked_at is not None:
         raise RefusedError(401, "the token is not valid, or was revoked.", challenge)
     return Caller(f"token {row.id}", row.machine_id)
+
+
+def _is_local(settings: ServerSettings, headers: Mapping[str, str]) -> bool:
+    """Whether a request comes from this computer, and not through a proxy on it."""
+    if not settings.on_loopback or not _FORWARDED.isdisjoint(headers.keys()):
+        return False
+    return _name(headers.get("host", "")) in (*_LOOPBACK, settings.host)
 
 
 def caller_of(request: Request) -> Caller:
