@@ -169,6 +169,7 @@ def test_a_damaged_store_receives_nothing(client: TestClient, service: Service) 
     service.store.folder.mark_damaged(["a fault"])
     answer = put(client, CONTENT)
     assert (answer.status_code, "damaged" in answer.json()["detail"]) == (503, True)
+    assert answer.headers["Retry-After"] == "60"
     answer = client.get("/readyz")
     assert (answer.status_code, "damaged" in answer.json()["reason"]) == (503, True)
 

@@ -26,6 +26,7 @@ from ballscrew.store.opened import OpenStore
 _log = logging.getLogger("ballscrew.service")
 
 TOO_LARGE, UNPROCESSABLE, TOO_MANY, UNAVAILABLE, FULL = 413, 422, 429, 503, 507
+_LATER = {"Retry-After": "60"}
 
 
 class RefusedError(BallscrewError):
@@ -89,7 +90,7 @@ class ServedStore(OpenStore):
         try:
             self.folder.check_writable()
         except InputError as error:
-            raise RefusedError(UNAVAILABLE, str(error)) from None
+            raise RefusedError(UNAVAILABLE, str(error), _LATER) from None
 
 
 @contextmanager
@@ -101,7 +102,7 @@ def _available() -> Iterator[None]:
         if error.__cause__ is None:  # what was sent is wrong
             raise
         status = FULL if "full" in str(error) else UNAVAILABLE
-        raise RefusedError(status, str(error), {"Retry-After": "60"}) from error
+        raise RefusedError(status, str(error), _LATER) from error
 
 
 @dataclass
