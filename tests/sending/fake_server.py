@@ -22,6 +22,7 @@ class Fault:
     """What happens to a request: a status, or ``cut``, ``lost``, ``slow``, ``offset``, ``proxy``.
 
     cut: the connection ends in the middle of the body. lost: all is done, and the answer is not sent.
+    The status of a proxy is without the header of the server.
     """
 
     method: str
@@ -29,6 +30,7 @@ class Fault:
     headers: dict[str, str] = field(default_factory=dict)
     detail: str = "as asked"
     times: int = 1
+    of_proxy: bool = False
 
 
 @dataclass
@@ -82,9 +84,9 @@ class _Handler(BaseHTTPRequestHandler):
             return
         body = self.body(half=kind == "cut")
         if fault and isinstance(kind, int):
-            self.answer(kind, {"detail": fault.detail}, fault.headers)
+            self.answer(kind, {"detail": fault.detail}, fault.headers, of_proxy=fault.of_proxy)
         elif fault and kind == "proxy":
-            self.answer(200, fault.detail)
+            self.answer(200, fault.detail, of_proxy=True)
         elif kind == "offset" and fault:
             self.answer(200, None, fault.headers)
         elif fake.token is not None and self.headers["Authorization"] != f"Bearer {fake.token}":
@@ -117,7 +119,7 @@ class _Handler(BaseHTTPRequestHandler):
         elif sha256 in fake.parts:
             self.answer(200, None, {"Upload-Offset": str(len(fake.parts[sha256])), "Upload-Complete": "?0"})
         else:
-            self.answer(404, None)
+            self.answer(204, None)
 
     def put(self, sha256: str, body: bytes, kind: str | int) -> None:
         fake = self.fake
@@ -174,11 +176,15 @@ class _Handler(BaseHTTPRequestHandler):
         self.close_connection = True
         self.connection.shutdown(socket.SHUT_RDWR)
 
-    def answer(self, status: int, document: Any, headers: dict[str, str] | None = None) -> None:
+    def answer(
+        self, status: int, document: Any, headers: dict[str, str] | None = None, *, of_proxy: bool = False
+    ) -> None:
         content = b""
         if document is not None:
             content = (document if isinstance(document, str) else json.dumps(document)).encode()
         self.send_response(status)
+        if not of_proxy:
+            self.send_header("Ballscrew-API", "1")
         for name, value in (headers or {}).items():
             self.send_header(name, value)
         self.send_header("Content-Length", str(len(content)))

@@ -175,6 +175,9 @@ PASSING = [
     Fault("HEAD", "cut"),
     Fault("HEAD", 503),
     Fault("HEAD", 405),
+    Fault("HEAD", 501, of_proxy=True),
+    Fault("HEAD", 405, of_proxy=True),
+    Fault("POST", 429, of_proxy=True),
     Fault("HEAD", "offset", {"Upload-Offset": "17"}),
     Fault("HEAD", "offset", {"Upload-Offset": "99999999"}),
     Fault("HEAD", "offset", {"Upload-Offset": "3000"}),
@@ -306,7 +309,7 @@ def test_a_run_that_makes_the_server_fail_does_not_stop_the_others(
     assert sent == [1]  # in the first pass
 
 
-@pytest.mark.parametrize("status", [400, 404, 409, 413, 415, 422])
+@pytest.mark.parametrize("status", [400, 409, 413, 415, 422])
 def test_what_the_server_refuses_is_set_aside_with_its_answer(
     send_files: Send, server: FakeServer, run_toml: Path, settings: SendSettings, status: int
 ) -> None:
@@ -324,13 +327,49 @@ def test_what_the_server_refuses_is_set_aside_with_its_answer(
 
 
 def test_a_run_that_is_refused_again_replaces_its_answer(
-    send_files: Send, run_toml: Path, settings: SendSettings
+    send_files: Send, server: FakeServer, run_toml: Path, settings: SendSettings
 ) -> None:
     assert settings.spool
-    for _ in range(2):
-        (sentence,) = send_files(run_toml, rule=RunRule(axis="Y axis")).rejected
-        assert "404 there is no axis 'Y axis'" in sentence
+    for detail in ("wrong", "still wrong"):
+        server.faults.append(Fault("POST", 422, detail=detail))
+        assert f"422 {detail}" in send_files(run_toml).rejected[0]
     assert len(list((settings.spool / "rejected").iterdir())) == 1
+
+
+def test_a_run_of_an_axis_that_is_not_set_up_waits_while_others_are_sent(
+    send_files: Send, server: FakeServer, run_toml: Path, tmp_path: Path, scene: Scene
+) -> None:
+    result = send_files(run_toml, rule=RunRule(axis="Y axis"))
+    assert (result.waiting, result.rejected, scene.waits) == (1, (), [])
+    assert "there is no axis 'Y axis' yet (404 " in result.reason
+    assert server.received == 0
+    server.faults.append(Fault("POST", 500))  # it is repeated, though the other would have to wait for long
+    result = send_files(write_run(tmp_path / "other", [b"three"]))
+    assert (result.waiting, result.rejected, len(result.sent), len(scene.waits)) == (1, (), 1, 1)
+    server.axes.add("Y axis")
+    assert len(send_files().sent) == 1
+
+
+@pytest.mark.parametrize("method", ["HEAD", "PUT", "POST"])
+@pytest.mark.parametrize("status", [400, 401, 403, 404, 405, 409, 413, 422])
+def test_what_a_proxy_or_another_server_refuses_stays_in_the_spool(
+    send_files: Send, server: FakeServer, run_toml: Path, scene: Scene, method: str, status: int
+) -> None:
+    if (method, status) == ("HEAD", 405):
+        method = "PUT"  # a proxy may pass on everything but HEAD
+    server.faults.append(Fault(method, status, of_proxy=True))
+    result = send_files(run_toml)
+    assert (result.waiting, result.rejected, scene.waits) == (1, (), [])
+    assert f"answers {status} but not as a ballscrew server does; check --to" in result.reason
+    assert len(send_files().sent) == 1
+
+
+def test_a_file_that_a_proxy_does_not_pass_on_holds_up_no_other(
+    send_files: Send, server: FakeServer, run_toml: Path, tmp_path: Path
+) -> None:
+    server.faults.append(Fault("PUT", 413, of_proxy=True))
+    result = send_files(run_toml, write_run(tmp_path / "other", [b"three"]))
+    assert (result.waiting, len(result.sent)) == (1, 1)
 
 
 def test_a_file_that_is_too_large_for_the_server_is_refused(
@@ -505,10 +544,11 @@ def test_a_run_that_never_fits_is_named(send_files: Send, settings: SendSettings
 
 
 def test_a_spool_full_of_refused_runs_is_named(
-    send_files: Send, settings: SendSettings, run_toml: Path, tmp_path: Path
+    send_files: Send, server: FakeServer, settings: SendSettings, run_toml: Path, tmp_path: Path
 ) -> None:
     small = replace(settings, spool_limit=12_000)
-    send_files(run_toml, rule=RunRule(axis="Y axis"), settings=small)
+    server.faults.append(Fault("POST", 422))
+    send_files(run_toml, settings=small)
     result = send_files(write_run(tmp_path / "b", [b"x" * 6000]), settings=small)
     assert result.waiting == 1
     assert "contains runs that the server refused" in result.reason
@@ -941,7 +981,7 @@ def test_a_folder_that_is_away_for_a_while_is_watched_again(
 def test_a_refused_run_of_a_watched_folder_is_not_sent_again(
     folder: Path, server: FakeServer, settings: SendSettings, scene: Scene
 ) -> None:
-    server.axes.clear()
+    server.faults.append(Fault("POST", 422))
     write_run(folder / "1")
     watch(folder, server, settings, scene)
     assert len(scene.sentences) == 1

@@ -203,7 +203,8 @@ def test_a_token_that_does_not_exist_is_404(clients: list[TestClient], number: s
 def test_other_hosts_and_sites_are_refused_on_loopback(
     client: TestClient, headers: dict[str, str], status: int
 ) -> None:
-    assert client.get("/api/v1/axes", headers=headers).status_code == status
+    answer = client.get("/api/v1/axes", headers=headers)
+    assert (answer.status_code, answer.headers["Ballscrew-API"]) == (status, "1")
 
 
 def test_hosts_can_be_allowed(new_service: NewService) -> None:

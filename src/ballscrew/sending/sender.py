@@ -311,7 +311,8 @@ class _Sender:
             except RefusalError as error:
                 self._reject(run, error)
             except DelayError as error:
-                delay = error
+                if delay is None or delay.lasting or error.general:
+                    delay = error
                 if error.general:
                     break
             else:

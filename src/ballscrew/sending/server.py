@@ -13,10 +13,10 @@ from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 from ballscrew._version import __version__
-from ballscrew.base.errors import BallscrewError, InputError, printable
+from ballscrew.base.errors import BallscrewError, InputError, printable, shown
 from ballscrew.base.files import open_regular
 from ballscrew.sending.spooled import SpooledFile, SpooledRun
 
@@ -35,6 +35,7 @@ _NO_HEAD = (405, 501)
 _AGAIN = (408, 425, 429, 507)
 _OVERLOADED = (429, 502, 503, 504, 507)
 _COMPLETE, _OFFSET = "Upload-Complete", "Upload-Offset"
+_OURS = "Ballscrew-API"  # header of each answer of a ballscrew server
 
 
 class DelayError(BallscrewError):
@@ -199,8 +200,11 @@ class Server:
         )
 
     def _no_server(self, response: Response) -> DelayError:
+        status = response.status_code
         return DelayError(
-            f"{self.address}: answers {response.status_code} but not as a ballscrew server does; check --to.",
+            f"{self.address}: answers {status} but not as a ballscrew server does; check --to, and the "
+            "proxies in between.",
+            general=status != 413,  # of a proxy, to a file that it does not pass on
             lasting=True,
         )
 
@@ -240,7 +244,7 @@ class Server:
 
     def _offset(self, url: str, file: SpooledFile) -> int | None:
         """Bytes of a file that the server has; None if it has all."""
-        response = self._request("HEAD", url, accepted=(404, *_NO_HEAD))
+        response = self._request("HEAD", url, accepted=_NO_HEAD)
         if response.status_code >= 400:
             return 0
         if response.headers.get(_COMPLETE) == "?1":
@@ -260,7 +264,7 @@ class Server:
         Raises
         ------
         DelayError
-            If there is none, or it asks for a repetition.
+            If there is none, it asks for a repetition, or someone must act before one can succeed.
         RefusalError
             If it has any other status that is not 2xx and not accepted.
         """
@@ -272,12 +276,17 @@ class Server:
             cause = str(error) or type(error).__name__
             raise DelayError(f"{self.address}: no connection ({cause}).") from None
         status = response.status_code
-        if response.is_success or status in accepted:
+        is_foreign = status < 500 and status not in _AGAIN and _OURS not in response.headers
+        if response.is_success or (status in accepted and (status in _NO_HEAD or not is_foreign)):
             return response
+        if status < 400 or is_foreign:
+            raise self._no_server(response)
         if status in (401, 403):
             raise DelayError(f"{self.address}: {self._token_refused(response)}", lasting=True)
-        if status < 400:
-            raise self._no_server(response)
+        if status == 404:
+            axis = unquote(url.split("/")[4])
+            reason = f"there is no axis {shown(axis)} yet ({_detail(response)})."
+            raise DelayError(f"{self.address}: {reason}", general=False, lasting=True)
         if status >= 500 or status in _AGAIN:
             raise DelayError(
                 f"{self.address}: {_detail(response)}",

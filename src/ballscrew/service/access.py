@@ -28,6 +28,7 @@ _OPEN = ("/livez", "/readyz")  # without a token
 _FORWARDED = frozenset({"forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-real-ip"})
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 _HEADERS = {
+    "Ballscrew-API": "1",  # by which a sender knows that no proxy answers
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
