@@ -90,6 +90,14 @@ def test_a_document_of_an_analysis_states_axis_and_time(tmp_path: Path) -> None:
     run = only_run([path], RunRule())
     assert (run.axis, run.measured_at, run.run_json, run.files) == ("Z", "2026-01-31", path, ())
     assert only_run([path], RunRule(pattern="{run}.json")).axis == "Z"
+    assert only_run([path], RunRule(axis="Z")).axis == "Z"
+    assert "is of the axis 'Z', not of 'X axis'" in only_error([path], X)
+
+
+def test_a_document_of_an_analysis_without_an_axis_is_not_sent_for_one(tmp_path: Path) -> None:
+    path = tmp_path / "run.json"
+    path.write_text('{"schema": 2, "run": {"axis": null}, "cells": []}')
+    assert "states no axis" in only_error([path], X)
 
 
 @pytest.mark.parametrize(
@@ -100,7 +108,7 @@ def test_a_document_of_an_analysis_states_axis_and_time(tmp_path: Path) -> None:
         ('{"schema": 2}', "is no RUN.json"),
         ('{"schema": 2, "run": [], "cells": []}', "is no RUN.json"),
         ('{"schema": 2, "run": {"axis": 3}, "cells": []}', "must be texts"),
-        ('{"schema": 2, "run": {"axis": null}, "cells": []}', "the axis is not stated"),
+        ('{"schema": 2, "run": {"axis": null}, "cells": []}', "states no axis"),
     ],
 )
 def test_a_document_of_something_else_is_named(tmp_path: Path, text: str, words: str) -> None:

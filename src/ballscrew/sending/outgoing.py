@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import InputError, shown
 from ballscrew.base.files import read_whole
 from ballscrew.base.jsonfile import read_json
 from ballscrew.base.tomlfile import read_toml
@@ -290,7 +290,7 @@ def run_of(group: RunGroup, rule: RunRule) -> OutgoingRun:
     group : RunGroup
         Its files.
     rule : RunRule
-        With the axis where nothing else states it.
+        With the axis that is given, which replaces that of a data sheet or a name.
 
     Returns
     -------
@@ -306,9 +306,7 @@ def run_of(group: RunGroup, rule: RunRule) -> OutgoingRun:
     if source.suffix.lower() == ".toml":
         return _stated_run(group, rule)
     if len(group.files) == 1 and source.suffix.lower() == ".json":
-        stated_axis, measured_at = _analysed(source)
-        axis = _axis(rule.axis or group.axis or stated_axis, name)
-        return OutgoingRun(name, axis, (), None, source, measured_at)
+        return _analysed_run(source, rule.axis or group.axis)
     return OutgoingRun(name, _axis(rule.axis or group.axis, name), group.files)
 
 
@@ -327,8 +325,8 @@ def _stated_run(group: RunGroup, rule: RunRule) -> OutgoingRun:
     return OutgoingRun(name, _axis(axis, name), files, text, None, stated.measured_at)
 
 
-def _analysed(path: Path) -> tuple[str | None, str | None]:
-    """Axis and time of a RUN.json."""
+def _analysed_run(path: Path, given: str | None) -> OutgoingRun:
+    """Run of a RUN.json, which the server accepts for the axis that it states alone."""
     document = read_json(path)
     run = document.get("run")
     if not isinstance(run, dict) or "cells" not in document:
@@ -336,7 +334,11 @@ def _analysed(path: Path) -> tuple[str | None, str | None]:
     axis, measured_at = run.get("axis"), run.get("measured_at")
     if not isinstance(axis, str | None) or not isinstance(measured_at, str | None):
         raise InputError(f"{path}: axis and measured_at must be texts.")
-    return axis, measured_at
+    if axis is None:
+        raise InputError(f"{path}: states no axis; analyze the run again with its data sheet (--axis).")
+    if given is not None and given != axis:
+        raise InputError(f"{path}: is of the axis {shown(axis)}, not of {shown(given)}.")
+    return OutgoingRun(str(path), _axis(axis, str(path)), (), None, path, measured_at)
 
 
 def _axis(name: str | None, source: str) -> str:
