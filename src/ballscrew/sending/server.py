@@ -281,19 +281,24 @@ class Server:
             return response
         if status < 400 or is_foreign:
             raise self._no_server(response)
-        if status in (401, 403):
-            raise DelayError(f"{self.address}: {self._token_refused(response)}", lasting=True)
-        if status == 404:
-            axis = unquote(url.split("/")[4])
-            reason = f"there is no axis {shown(axis)} yet ({_detail(response)})."
-            raise DelayError(f"{self.address}: {reason}", general=False, lasting=True)
         if status >= 500 or status in _AGAIN:
             raise DelayError(
                 f"{self.address}: {_detail(response)}",
                 wait=_retry_after(response),
                 general=status in _OVERLOADED,
             )
-        raise RefusalError(_detail(response))
+        raise self._refusal(response, url)
+
+    def _refusal(self, response: Response, url: str) -> BallscrewError:
+        """Error after the server itself has refused a request."""
+        status = response.status_code
+        if status in (401, 403):
+            return DelayError(f"{self.address}: {self._token_refused(response)}", lasting=True)
+        if status == 404:
+            axis = unquote(url.split("/")[4])
+            reason = f"there is no axis {shown(axis)} yet ({_detail(response)})."
+            return DelayError(f"{self.address}: {reason}", general=False, lasting=True)
+        return RefusalError(_detail(response))
 
     def _token_refused(self, response: Response) -> str:
         """Sentence about a token that is refused; the answer to HEAD contains none."""
