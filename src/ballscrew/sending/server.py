@@ -276,18 +276,23 @@ class Server:
             cause = str(error) or type(error).__name__
             raise DelayError(f"{self.address}: no connection ({cause}).") from None
         status = response.status_code
-        is_foreign = status < 500 and status not in _AGAIN and _OURS not in response.headers
-        if response.is_success or (status in accepted and (status in _NO_HEAD or not is_foreign)):
+        # A proxy that does not pass on HEAD may pass on the rest.
+        if response.is_success or (status in accepted and (status in _NO_HEAD or not _is_foreign(response))):
             return response
-        if status < 400 or is_foreign:
-            raise self._no_server(response)
+        raise self._error(response, url)
+
+    def _error(self, response: Response, url: str) -> BallscrewError:
+        """Error after an answer that is not the expected one."""
+        status = response.status_code
         if status >= 500 or status in _AGAIN:
-            raise DelayError(
+            return DelayError(
                 f"{self.address}: {_detail(response)}",
                 wait=_retry_after(response),
                 general=status in _OVERLOADED,
             )
-        raise self._refusal(response, url)
+        if status < 400 or _is_foreign(response):
+            return self._no_server(response)
+        return self._refusal(response, url)
 
     def _refusal(self, response: Response, url: str) -> BallscrewError:
         """Error after the server itself has refused a request."""
@@ -311,6 +316,11 @@ class Server:
             f"{reason} ({_detail(response)}): check the token file (--token-file, or the variable "
             "BALLSCREW_TOKEN), and 'ballscrew token list' at the server."
         )
+
+
+def _is_foreign(response: Response) -> bool:
+    """Whether a proxy or another server answers."""
+    return _OURS not in response.headers
 
 
 def _add(uploaded: Uploaded, before: int, position: int) -> None:
