@@ -17,10 +17,11 @@ from ballscrew.cli.shell import run
 
 COMMANDS = [
     "amend", "analyze", "calibrate", "demo", "frf", "init", "monitor", "plan", "preload", "quality",
-    "reprocess", "reproduce", "send", "simulate multi-level-mass", "simulate run", "simulate run-to-failure",
+    "reprocess", "reproduce", "send", "serve", "simulate multi-level-mass", "simulate run",
+    "simulate run-to-failure",
     "store add", "store archive", "store backup", "store correct", "store exclude", "store export",
     "store gc", "store init", "store list", "store migrate", "store restore", "store show",
-    "store simulate-fleet", "store verify", "watch",
+    "store simulate-fleet", "store verify", "token create", "token list", "token revoke", "watch",
 ]  # fmt: skip
 
 

@@ -710,7 +710,7 @@ def test_a_kill_at_any_step_loses_and_doubles_nothing(
         settings = SendSettings(spool=tmp_path / f"spool-{steps}")
         server.files.clear()
         server.runs.clear()
-        server.axes = set() if refused else {"X axis"}
+        server.faults[:] = [Fault("POST", 422, times=2 if refused else 0)]  # before the kill, and after it
         KILL.steps, KILL.killed = steps, False
         hooks = SendHooks(KILL.step, lambda _: None, progress=KILL.step, sleep=lambda _: None)
         try:
