@@ -8,7 +8,10 @@ from ballscrew.modal.joint.blocks import make_block
 from ballscrew.modal.joint.fit import fit_blocks, with_local_parameters
 from ballscrew.modal.joint.initial import total_inertia
 from ballscrew.modal.joint.local_wear import (
+    _SIGNIFICANT,
+    _SPREADS,
     LocalVariation,
+    _log_likelihood,
     _smooth_basis,
     local_fields,
     local_priors,
@@ -73,3 +76,22 @@ def test_local_parameters_are_added_as_by_a_fit_without_steps(run: SmallRun) -> 
     for one, two in zip(found.jacobian, other.jacobian, strict=True):
         np.testing.assert_allclose(one[:, order], two, rtol=1e-6, atol=1e-6 * np.abs(two).max())
     np.testing.assert_allclose(found.hessian[np.ix_(order, order)], other.hessian, rtol=1e-6)
+
+
+def test_few_cells_rarely_show_a_variation_by_chance() -> None:
+    random, freedom, inflation, draws = np.random.default_rng(1), 4, 100.0, 1000
+    values = np.array([1e6, 3e6])
+    found = 0
+    for _ in range(draws):
+        scores = random.standard_normal(2) * np.sqrt(inflation * values)
+        estimate = inflation * random.chisquare(freedom) / freedom
+        likelihood = _log_likelihood(scores, values, estimate, freedom)
+        found += likelihood.max() > likelihood[0] + _SIGNIFICANT
+    assert found <= 15  # 4.5 expected; 50 where the scatter is taken as known
+
+
+def test_the_likelihood_of_a_well_known_scatter_is_that_of_a_normal_distribution() -> None:
+    scores, values, inflation = np.array([2e4, -4e4]), np.array([1e6, 3e6]), 100.0
+    variance = values**2 * _SPREADS[:, None] ** 2 + inflation * values
+    normal = -0.5 * np.sum(np.log(variance) + scores**2 / variance, axis=1)
+    assert _log_likelihood(scores, values, inflation, 10**6) == pytest.approx(normal, abs=0.02)

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ballscrew.fcft.conditions import Condition
 from ballscrew.recording.aligned import align
-from ballscrew.recording.kinematics import kinematics
-from ballscrew.recording.phases import find_phases
+from ballscrew.recording.kinematics import Kinematics, kinematics
+from ballscrew.recording.phases import MotionPhase, find_phases
 from ballscrew.recording.quality.clock import (
     Clock,
     MoveTimes,
@@ -88,3 +89,36 @@ def test_a_plan_with_random_stops_determines_no_clock(run):
     motion = kinematics(aligned.position, aligned.rate)
     spread = replace(run.plan, motions=tuple(replace(m, start_spread=0.1) for m in run.plan.motions))
     assert len(measure_move_times(motion, find_phases(motion), spread).dwell) == 0
+
+
+def test_the_start_after_a_reversal_is_late_and_does_not_count(run):
+    rate, late, way = 20_000.0, 0.003, 0.1
+    planned = run.plan.motions[0]
+    cruise = way / planned.speed - planned.acceleration_time
+    place, time, positions, phases = 0.0, planned.dwell, [(0.0, 0.0)], []
+    for sign, leaves, reaches in ((1, Condition.PA, Condition.PD), (-1, Condition.NA, Condition.ND)):
+        for move in range(4):
+            positions.append((time, place))
+            stop = time + planned.acceleration_time
+            end = stop + cruise
+            place += sign * way
+            positions += [
+                (stop, place - sign * (way - planned.acceleration_distance)),
+                (end, place - sign * planned.acceleration_distance),
+                (end + planned.acceleration_time, place),
+            ]
+            start = time + late * (move == 0)
+            for first, last, condition, at in (
+                (start, stop, leaves, place - sign * way),
+                (end, end + planned.acceleration_time, reaches, place),
+            ):
+                samples = round(first * rate), round(last * rate)
+                size = (planned.speed, planned.acceleration)
+                phases.append(MotionPhase(*samples, condition, at, *size, complete=True))
+            time = end + planned.acceleration_time + planned.dwell
+    times, places = np.array(positions).T
+    position = np.interp(np.arange(round(time * rate)) / rate, times, places)
+    nothing = np.zeros_like(position)
+    found = measure_move_times(Kinematics(position, nothing, nothing, rate, 0.0, 0.0), phases, run.plan)
+    assert len(found.dwell) == 4  # two of four in each direction: not the first, and none follows the last
+    assert found.dwell == pytest.approx(0.0, abs=2 / rate / planned.dwell)
