@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# The lock is complete: --no-deps keeps pip from resolving an extra (coverage[toml]) past its pin.
 # Bytecode is stored: tests start many processes, each of which would compile the package again.
 export PYTHONDONTWRITEBYTECODE =
 
@@ -25,7 +26,7 @@ $(STAMP): requirements/dev.txt pyproject.toml
 	  echo "This Python has no venv; installing Debian's python3-venv."; \
 	  apt-get update && apt-get install -y python3-venv && $(PYTHON) -m venv --clear $(VENV); } || \
 	  { echo "No virtual environment could be made: install python3-venv, then run make again."; exit 1; }
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/dev.txt
+	$(BIN)/python -m pip install --quiet --require-hashes --no-deps -r requirements/dev.txt
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $(STAMP)
 
@@ -56,7 +57,7 @@ docs: $(STAMP)
 check: test lint types contract docs
 
 bench: $(STAMP)
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/bench.txt
+	$(BIN)/python -m pip install --quiet --require-hashes --no-deps -r requirements/bench.txt
 	$(BIN)/python -m benchmarks.spectra
 
 bench-full: bench
