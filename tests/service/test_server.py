@@ -168,7 +168,7 @@ def test_commands_and_a_server_write_tokens_in_turn(service: Service) -> None:
 def test_the_page_shows_the_axes_and_runs_no_script(client: TestClient) -> None:
     send(client, "/api/v1/axes/bench/runs/<script>alert(1)</script>".replace("/script", "script"))
     send_result(client, 0)
-    answer = client.get("/")
+    answer = client.get("/status")
     assert answer.status_code == 200
     assert "missing: model" in answer.text
     assert "&lt;script&gt;" in answer.text

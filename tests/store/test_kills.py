@@ -25,4 +25,4 @@ def test_nothing_acknowledged_is_lost_and_nothing_doubled(new_url: Callable[[], 
     outcomes = store_kills.kill_all(8, url=new_url(), seed=3)
     killed = {key: number for key, number in outcomes.items() if key[1] != "not killed"}
     assert sum(killed.values()) == 8
-    assert migrating.SCHEMA == database.SCHEMA == "0002"
+    assert migrating.SCHEMA == database.SCHEMA == "0003"

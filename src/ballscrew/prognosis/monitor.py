@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -72,6 +73,18 @@ class Monitored(PlottedResult):
         if self.prognosis is not None:
             lines += self.prognosis.statement[:2]
         return lines + first_sentences(state.nut_reasons or state.reasons)
+
+    @property
+    def forecast_at(self) -> datetime | None:
+        """Time from which on the forecast is made; None without one."""
+        if self.prognosis is None:
+            return None
+        newest = self.state.epochs[-1].number
+        for run in self.state.runs:
+            if run.reading.epoch == newest and run.stiffness is not None:
+                first = moment(run.reading.measured_at, "a run")
+                return first + timedelta(days=self.prognosis.at_day)
+        return moment(self.state.runs[-1].reading.measured_at, "a run")
 
     def to_dataframe(self) -> pd.DataFrame:
         """Table of the runs: state, and P/P₀ of stiffness and nut with their 95 % intervals."""

@@ -101,8 +101,12 @@ def draw_history(axes: Axes, monitored: Monitored) -> None:
     missing = [run for run in state.runs if run.stiffness is None and run.preload_below is None]
     canvas.draw_unestimated(axes, _dates(missing))
     axes.axhline(100, color="0.5", lw=0.8)
-    if prognosis is not None and prognosis.fan.days and prognosis.rul_days.get(0.5) not in (None, 0):
-        _forecast(axes, state, prognosis)
+    begin = monitored.forecast_at
+    if (
+        prognosis is not None and begin is not None
+        and prognosis.fan.days and prognosis.rul_days.get(0.5) not in (None, 0)
+    ):  # fmt: skip
+        _forecast(axes, state, prognosis, begin)
     _marks(axes, state, top)
     axes.set_ylabel("as P/P₀ (% of the\nepoch’s baseline)")
     axes.set_title("Axial stiffness, 95 %; grey: nut", loc="left")
@@ -157,9 +161,8 @@ def _top(state: HealthState) -> float:
     return float(1.08 * min(highest, _TALLEST))
 
 
-def _forecast(axes: Axes, state: HealthState, prognosis: Prognosis) -> None:
+def _forecast(axes: Axes, state: HealthState, prognosis: Prognosis, begin: datetime) -> None:
     """Draw the forecast as a fan, and the remaining life."""
-    begin = _forecast_begin(state, prognosis)
     history = max((begin - _when(state.runs[0])).total_seconds() / 86400, _SHORTEST)
     last = prognosis.rul_days.get(0.95) or prognosis.rul_days.get(0.5)
     reach = _MOST_AHEAD * history
@@ -176,14 +179,6 @@ def _forecast(axes: Axes, state: HealthState, prognosis: Prognosis) -> None:
     axes.plot(dates, ratio[:, column(0.5)], color=canvas.ANF, lw=1.5, label="forecast")
     if prognosis.failure_mode == "preload":
         _end_of_life(axes, prognosis, begin, reach, 2 * history)
-
-
-def _forecast_begin(state: HealthState, prognosis: Prognosis) -> datetime:
-    newest = state.epochs[-1].number
-    for run in state.runs:
-        if run.reading.epoch == newest and run.stiffness is not None:
-            return _when(run) + timedelta(days=prognosis.at_day)
-    return _when(state.runs[-1])
 
 
 def _end_of_life(axes: Axes, prognosis: Prognosis, begin: datetime, reach: float, most: float) -> None:

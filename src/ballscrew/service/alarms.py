@@ -21,6 +21,8 @@ from ballscrew.store.folder import now
 from ballscrew.store.opened import record
 from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, Message, RunRow, Setup, Trouble, Upload
 
+_ENDED = ("ended", "retracted", "closed")
+
 router = APIRouter(prefix="/api/v1/alarms")
 
 SILENCE, MEASUREMENT, ASSESSMENT = "silence", "measurement", "assessment"
@@ -99,6 +101,11 @@ def alarm_documents(session: Session) -> list[dict[str, Any]]:
         common = {"id": f"trouble-{trouble.id}", "axis": axis, "kind": trouble.kind, "text": trouble.text}
         found.append(common | _state_document(trouble, trouble.ended_at, "ended", actions, common["id"]))
     return sorted(found, key=lambda each: str(each["raised_at"]), reverse=True)
+
+
+def standing_alarms(session: Session) -> list[dict[str, Any]]:
+    """Alarms and troubles that have not ended and were not closed, the newest first."""
+    return [each for each in alarm_documents(session) if each["state"] not in _ENDED]
 
 
 def _state_document(

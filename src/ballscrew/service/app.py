@@ -21,8 +21,9 @@ from ballscrew.monitoring.epochs import moment
 from ballscrew.report.canvas import STATE_COLOURS, STATE_SIGNS
 from ballscrew.service import alarms, axes, reading, runs, tokens, uploads
 from ballscrew.service.access import AdminCaller, Guard, RunningService
-from ballscrew.service.alarms import alarm_documents
+from ballscrew.service.alarms import standing_alarms
 from ballscrew.service.jobs import job_documents
+from ballscrew.service.pages import fleet, rendering
 from ballscrew.service.reading import fleet_document
 from ballscrew.service.serving import Service, answer_errors
 from ballscrew.service.working import Worker
@@ -74,7 +75,8 @@ def create_app(service: Service, workers: Sequence[Worker] = ()) -> FastAPI:
         app.include_router(resource.router)
     app.include_router(router)
     if service.settings.on_loopback:
-        app.include_router(pages)
+        for page in (pages, fleet.router, rendering.router):
+            app.include_router(page)
     answer_errors(app)
     app.add_middleware(Guard, service=service)
     return app
@@ -179,15 +181,15 @@ def _size(path: Any) -> int:
     return path.stat().st_size if path.exists() else 0
 
 
-@pages.get("/", response_class=HTMLResponse, include_in_schema=False)
+@pages.get("/status", response_class=HTMLResponse, include_in_schema=False)
 def show_page(
     caller: AdminCaller,  # noqa: ARG001
     service: RunningService,
     workers: Workers,
 ) -> HTMLResponse:
     """Status page: axes with their states, alarms, queue, and the health of store and workers."""
-    fleet = fleet_document(service)["axes"]
-    fleet.sort(key=lambda axis: (_URGENT.get(axis["state"], 4), axis["axis"]))
+    listed = fleet_document(service)["axes"]
+    listed.sort(key=lambda axis: (_URGENT.get(axis["state"], 4), axis["axis"]))
     with service.store.read() as session:
         sent = session.execute(
             select(Upload, Axis.name)
@@ -196,15 +198,13 @@ def show_page(
             .limit(_NEWEST)
         ).all()
         newest = [(axis, row.key, row.received_at, row.status, row.verdict, row.error) for row, axis in sent]
-        standing = [
-            each for each in alarm_documents(session) if each["state"] not in ("ended", "retracted", "closed")
-        ]
+        standing = standing_alarms(session)
         jobs = job_documents(session)
     page = _templates.get_template("status.html").render(
         style=STYLE,
         version=__version__,
         at=datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S UTC"),
-        axes=fleet,
+        axes=listed,
         alarms=standing,
         sent=newest,
         jobs=jobs,

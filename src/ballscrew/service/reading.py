@@ -8,6 +8,7 @@ import io
 import json
 import re
 from collections.abc import AsyncIterator, Sequence
+from datetime import UTC, datetime
 from importlib.util import find_spec
 from typing import Annotated, Any, Literal
 
@@ -21,10 +22,12 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.service.access import AdminCaller, AnyCaller, RunningService
 from ballscrew.service.jobs import ANALYSE, ASSESS, enqueue, job_documents
+from ballscrew.service.lamps import add_lamps
 from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_document
 from ballscrew.service.serving import RefusedError, Service
+from ballscrew.store.explaining import find_explanation
 from ballscrew.store.opened import record
-from ballscrew.store.reading import find_method, list_axes
+from ballscrew.store.reading import find_axis, find_method, list_axes
 from ballscrew.store.showing import show_axis
 from ballscrew.store.tables import (
     Audit,
@@ -60,8 +63,9 @@ def fleet_document(service: Service) -> dict[str, Any]:
     document = list_axes(service.store)
     with service.store.read() as session:
         missing, refusals = _all_missing(session), _refusals(session)
-    for axis in document["axes"]:
-        _add_missing(axis, missing.get(axis["axis"], []), refusals.get(axis["axis"]))
+        for axis in document["axes"]:
+            _add_missing(axis, missing.get(axis["axis"], []), refusals.get(axis["axis"]))
+        add_lamps(session, document["axes"], datetime.now(UTC))
     return document
 
 
@@ -112,7 +116,7 @@ def show_whole_axis(axis: str, caller: AdminCaller, service: RunningService) -> 
 
 
 def axis_document(service: Service, axis: str) -> dict[str, Any]:
-    """An axis, as ``store show --json`` prints it, with what is missing.
+    """An axis, as ``store show --json`` prints it, with its explanation and what is missing.
 
     Raises
     ------
@@ -125,7 +129,9 @@ def axis_document(service: Service, axis: str) -> dict[str, Any]:
         raise RefusedError(404, str(error)) from None
     with service.store.read() as session:
         missing, refusals = _all_missing(session), _refusals(session)
-    _add_missing(document, missing.get(axis, []), refusals.get(axis))
+        document["explanation"] = find_explanation(session, find_axis(session, axis))
+        _add_missing(document, missing.get(axis, []), refusals.get(axis))
+        add_lamps(session, [document], datetime.now(UTC))
     return document
 
 

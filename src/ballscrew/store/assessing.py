@@ -24,6 +24,7 @@ from ballscrew.monitoring.state import HealthState, RunState
 from ballscrew.prognosis.duty import DutyRecord
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.monitor import Monitored, monitor
+from ballscrew.store.explaining import explanation
 from ballscrew.store.folder import now
 from ballscrew.store.histories import StoredHistory, batched, history_key, read_stored_history, settings_of
 from ballscrew.store.opened import OpenStore, record, why_read_only
@@ -34,8 +35,10 @@ from ballscrew.store.tables import (
     Axis,
     CheckpointRow,
     EpochRow,
+    Explanation,
     StateRow,
     checksum_of_values,
+    pack,
 )
 
 _ATTEMPTS = 5  # runs may be added meanwhile
@@ -241,8 +244,17 @@ def _store(
     state = monitored.state
     _store_states(session, state, axis.id, history.rows)
     _update_alarms(session, state, axis)
+    _store_explanation(session, row, monitored)
     _store_checkpoint(session, history, monitored.checkpoint)
     record(session, action, f"axis {axis.name}", state=state.state, inputs=inputs)
+
+
+def _store_explanation(session: Session, row: Assessment, monitored: Monitored) -> None:
+    """Replace the explanation of an axis by that of an assessment."""
+    document = explanation(monitored)
+    session.merge(
+        Explanation(axis_id=row.axis_id, assessment_id=row.id, lamp=document["lamp"], document=pack(document))
+    )
 
 
 def _assessment(

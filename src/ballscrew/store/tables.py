@@ -32,10 +32,10 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, Mapper, mapped_column
 
 from ballscrew.base.errors import InputError
 
-SCHEMA = "0002"
+SCHEMA = "0003"
 """Newest version of the schema, as Alembic has it."""
 
-SCHEMAS = ("0001", SCHEMA)
+SCHEMAS = ("0001", "0002", SCHEMA)
 """All of them, by age."""
 
 _LEVEL = 10  # of zstd
@@ -390,6 +390,16 @@ class Assessment(Checked, Base):
     stiffness: Mapped[list[Any] | None]
     rul_days: Mapped[dict[str, Any]]
     reasons: Mapped[list[Any] | None]
+
+
+class Explanation(Checked, Base):
+    """Explanation of the newest assessment of an axis, see :mod:`ballscrew.store.explaining`."""
+
+    __tablename__ = "explanations"
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"), primary_key=True)
+    assessment_id: Mapped[int] = mapped_column(ForeignKey("assessments.id"))
+    lamp: Mapped[str]
+    document: Mapped[bytes]
 
 
 class Setup(Checked, Base):

@@ -1,0 +1,87 @@
+"""Two lamps of each axis: one of the machine, one of its measurement. No data is *unknown*."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from typing import Any
+
+from sqlalchemy import and_, select
+from sqlalchemy.orm import Session
+
+from ballscrew.monitoring.epochs import moment
+from ballscrew.store.tables import Axis, Explanation, Setup, Trouble
+
+URGENCY = {
+    "alarm": 0, "unloaded": 0, "watch": 1, "suspect": 2, "unknown": 3, "not assessed": 4, "learning": 5,
+    "normal": 6,
+}  # fmt: skip
+"""Order of states, the most urgent first."""
+
+_REMAINING = ("alarm", "unloaded", "watch", "suspect", "not assessed", "unknown")
+_STALE = timedelta(days=31)  # age of the newest run beyond which an axis without a schedule is unknown
+
+
+def add_lamps(session: Session, documents: Sequence[dict[str, Any]], at: datetime) -> None:
+    """Add ``lamp``, ``measurement`` and ``due_at`` to documents of axes.
+
+    Parameters
+    ----------
+    session : Session
+        Reading.
+    documents : sequence of dict
+        Of axes, with their names, states and ``newest_at``.
+    at : datetime
+        The present time.
+    """
+    numbers, unassessed = _axes(session)
+    setups = {row.axis_id: row for row in session.scalars(select(Setup))}
+    troubles: dict[int, list[dict[str, Any]]] = {}
+    for row in session.scalars(select(Trouble).where(Trouble.ended_at.is_(None)).order_by(Trouble.id)):
+        trouble = {"id": f"trouble-{row.id}", "kind": row.kind, "text": row.text, "began_at": row.began_at}
+        troubles.setdefault(row.axis_id, []).append(trouble)
+    for document in documents:
+        number = numbers[document["axis"]]
+        setup = setups.get(number)
+        document["due_at"] = due_at(setup, document["newest_at"])
+        document["measurement"] = {"troubles": troubles.get(number, [])}
+        document["lamp"] = _lamp(document, setup, at, is_unassessed=number in unassessed)
+
+
+def _axes(session: Session) -> tuple[dict[str, int], set[int]]:
+    """Number of each axis by its name, and the axes whose newest runs were set aside."""
+    numbers, unassessed = {}, set()
+    newest = and_(Explanation.axis_id == Axis.id, Explanation.assessment_id == Axis.assessment_id)
+    found = select(Axis.name, Axis.id, Explanation.lamp).outerjoin(Explanation, newest)
+    for name, number, state in session.execute(found):
+        numbers[name] = number
+        if state == "suspect":
+            unassessed.add(number)
+    return numbers, unassessed
+
+
+def due_at(setup: Setup | None, newest: str | None) -> str | None:
+    """Time at which the next run of an axis is due by its schedule; None without one."""
+    if setup is None or setup.period_s is None:
+        return None
+    last = max(moment(each, "a run") for each in (newest, setup.set_up_at) if each is not None)
+    return (last + timedelta(seconds=setup.period_s)).isoformat()
+
+
+def _lamp(
+    document: dict[str, Any], setup: Setup | None, at: datetime, *, is_unassessed: bool
+) -> dict[str, Any]:
+    """State of the machine now: that of its newest assessment, or unknown without a recent one."""
+    state = document["state"]
+    if state in _REMAINING:
+        return {"state": state, "because": None}
+    if is_unassessed:
+        return {"state": "unknown", "because": "set aside"}
+    if document["due_at"] is not None:
+        grace = timedelta(seconds=(setup.grace_s or 0.0) if setup is not None else 0.0)
+        limit, because = moment(document["due_at"], "due_at") + grace, "overdue"
+    else:
+        limit, because = moment(document["newest_at"], "newest_at") + _STALE, "old"
+    if at > limit:
+        return {"state": "unknown", "because": because}
+    return {"state": state, "because": None}

@@ -1,0 +1,1 @@
+"""Web pages of the service, for a browser on the computer of the server."""

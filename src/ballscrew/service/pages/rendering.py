@@ -1,0 +1,170 @@
+"""Rendering of pages: templates, languages, numbers and times by locale, headers, and static files."""
+
+from __future__ import annotations
+
+import gettext
+import hashlib
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from functools import cache
+from importlib.resources import files
+from typing import Any
+from urllib.parse import quote
+
+from babel.dates import format_datetime
+from babel.numbers import format_decimal
+from fastapi import APIRouter, Request
+from fastapi.responses import HTMLResponse, Response
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from ballscrew._version import __version__
+from ballscrew.monitoring.epochs import moment
+from ballscrew.report.canvas import STATE_SIGNS
+from ballscrew.service.serving import RefusedError
+
+LANGUAGES = ("en", "de")
+
+_COOKIE = "ballscrew_language"
+_YEAR = 365 * 86400  # s
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' "
+    "data:; connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'",
+    "Cache-Control": "no-store",
+    "Vary": "Accept-Language, Cookie",
+}
+_TYPES = {".js": "text/javascript", ".css": "text/css", ".txt": "text/plain", ".svg": "image/svg+xml"}
+_UNKNOWN_SIGN = "○"
+
+router = APIRouter(include_in_schema=False)
+
+
+def render(request: Request, template: str, status: int = 200, **context: Any) -> HTMLResponse:
+    """Answer with a page.
+
+    Parameters
+    ----------
+    request : Request
+        Its headers and ``?lang=`` decide the language.
+    template : str
+        Name of the template.
+    status : int
+        HTTP status.
+    **context
+        Variables of the template.
+
+    Returns
+    -------
+    HTMLResponse
+        The page, with the headers of all pages.
+    """
+    language = language_of(request)
+    text = (
+        _environment(language)
+        .get_template(template)
+        .render(path=request.url.path, query=request.url.query, language=language, **context)
+    )
+    answer = HTMLResponse(text, status, headers=_HEADERS)
+    if request.query_params.get("lang") in LANGUAGES:
+        answer.set_cookie(_COOKIE, language, max_age=_YEAR, samesite="strict", httponly=True)
+    return answer
+
+
+def language_of(request: Request) -> str:
+    """Language of a request: by ``?lang=``, else its cookie, else the first known one of its header."""
+    for stated in (request.query_params.get("lang"), request.cookies.get(_COOKIE)):
+        if stated in LANGUAGES:
+            return str(stated)
+    for part in request.headers.get("accept-language", "").split(","):
+        language = part.split(";")[0].strip()[:2].lower()
+        if language in LANGUAGES:
+            return language
+    return LANGUAGES[0]
+
+
+@cache
+def translations(language: str) -> gettext.NullTranslations:
+    """Catalogue of a language; English has none."""
+    folder = files("ballscrew") / "locale"
+    return gettext.translation("ballscrew", str(folder), [language], fallback=True)
+
+
+@cache
+def _environment(language: str) -> Environment:
+    environment = Environment(
+        loader=PackageLoader("ballscrew.service.pages"),
+        extensions=["jinja2.ext.i18n"],
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+    )
+    environment.install_gettext_translations(translations(language), newstyle=True)  # type: ignore[attr-defined]
+    environment.filters.update(
+        number=lambda value, decimals=2: format_number(value, decimals, language),
+        percent_of=lambda interval: format_percent(interval, language),
+        moment=lambda text: format_moment(text, language),
+        url=lambda text: quote(str(text), safe=""),
+    )
+    environment.globals.update(version=__version__, asset=asset_url, sign=sign_of, languages=LANGUAGES)
+    return environment
+
+
+def sign_of(state: str) -> str:
+    """Sign of a state, which distinguishes it without colour."""
+    return STATE_SIGNS.get(state, _UNKNOWN_SIGN)
+
+
+def format_number(value: float | None, decimals: int, language: str) -> str:
+    """Number with a fixed number of decimals; a dash for None."""
+    if value is None:
+        return "–"
+    pattern = "#,##0" + ("." + "0" * decimals if decimals else "")
+    return format_decimal(value, pattern, locale=language)
+
+
+def format_percent(interval: list[float] | None, language: str) -> str:
+    """Value and ends of its interval in percent, ``88 (83 to 94) %``."""
+    if interval is None:
+        return "–"
+    value, low, high = (format_number(100 * each, 0, language) for each in interval)
+    to = translations(language).gettext("to")
+    return f"{value} ({low} {to} {high}) %"
+
+
+def format_moment(text: str | None, language: str) -> str:
+    """Time in UTC, to the minute; a dash for None. The browser replaces it by local time."""
+    if text is None:
+        return "–"
+    return format_datetime(moment(text, "a time"), "yyyy-MM-dd HH:mm", tzinfo=UTC, locale=language) + " UTC"
+
+
+def since(text: str, at: datetime) -> float:
+    """Days from a time to another."""
+    return (at - moment(text, "a time")).total_seconds() / 86400
+
+
+@cache
+def _assets() -> Mapping[str, tuple[bytes, str, str]]:
+    """Content, digest and type of each static file."""
+    found = {}
+    for file in (files("ballscrew.service.pages") / "static").iterdir():
+        content = file.read_bytes()
+        suffix = "." + file.name.rpartition(".")[2]
+        found[file.name] = content, hashlib.sha256(content).hexdigest()[:12], _TYPES[suffix]
+    return found
+
+
+def asset_url(name: str) -> str:
+    """Address of a static file, which changes with its content."""
+    return f"/static/{_assets()[name][1]}/{name}"
+
+
+@router.get("/static/{digest}/{name}")
+def send_asset(digest: str, name: str) -> Response:
+    """A static file."""
+    if name not in _assets():
+        raise RefusedError(404, "there is no such file.")
+    content, current, kind = _assets()[name]
+    cached = "public, max-age=31536000, immutable" if digest == current else "no-store"
+    headers = {"Cache-Control": cached, "ETag": f'"{current}"'}
+    return Response(content, media_type=f"{kind}; charset=utf-8", headers=headers)

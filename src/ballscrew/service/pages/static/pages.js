@@ -1,0 +1,186 @@
+// What all pages do: local times, sortable tables with CSV, the filter of the fleet, changes, and charts.
+"use strict";
+
+const ballscrew = (() => {
+  const language = document.documentElement.lang;
+  const clock = new Intl.DateTimeFormat(language, { dateStyle: "medium", timeStyle: "short" });
+  const charts = {};
+
+  const number = (value, decimals = 2) =>
+    value === null || value === undefined
+      ? "–"
+      : value.toLocaleString(language, { minimumFractionDigits: decimals, maximumFractionDigits: decimals });
+
+  function localTimes(root) {
+    for (const each of root.querySelectorAll("time[datetime]")) {
+      const at = new Date(each.dateTime);
+      if (!Number.isNaN(at.getTime())) {
+        each.title = each.title || each.textContent;
+        each.textContent = clock.format(at);
+      }
+    }
+  }
+
+  const valueOf = (row, column) => {
+    const cell = row.cells[column];
+    return cell.dataset.value !== undefined ? cell.dataset.value : cell.textContent.trim();
+  };
+
+  function compare(a, b) {
+    const [x, y] = [Number(a), Number(b)];
+    if (a === "" || b === "") return a === b ? 0 : a === "" ? 1 : -1;
+    return Number.isNaN(x) || Number.isNaN(y) ? a.localeCompare(b, language, { numeric: true }) : x - y;
+  }
+
+  function sortable(root) {
+    for (const table of root.querySelectorAll("table[data-sortable]")) {
+      [...table.tHead.rows[0].cells].forEach((cell, column) => {
+        if (cell.dataset.fixed !== undefined || cell.querySelector("button")) return;
+        const button = document.createElement("button");
+        button.type = "button";
+        button.textContent = cell.textContent.trim();
+        cell.textContent = "";
+        cell.append(button);
+        button.addEventListener("click", () => sort(table, cell, column));
+      });
+    }
+  }
+
+  function sort(table, cell, column) {
+    const ascending = cell.getAttribute("aria-sort") !== "ascending";
+    for (const each of table.tHead.rows[0].cells) each.removeAttribute("aria-sort");
+    cell.setAttribute("aria-sort", ascending ? "ascending" : "descending");
+    const rows = [...table.tBodies[0].rows];
+    rows.sort((a, b) => (ascending ? 1 : -1) * compare(valueOf(a, column), valueOf(b, column)));
+    table.tBodies[0].append(...rows);
+  }
+
+  const field = (text) => {
+    // A spreadsheet executes a text that begins so.
+    const safe = /^[=+\-@\t\r＝＋－＠]/.test(text) && Number.isNaN(Number(text)) ? `'${text}` : text;
+    return `"${safe.replaceAll('"', '""')}"`;
+  };
+
+  function csv(table) {
+    const lines = [...table.rows]
+      .filter((row) => !row.hidden)
+      .map((row) => [...row.cells].map((cell) => field(cell.innerText.trim().replace(/\s+/g, " "))).join(","));
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob(["\ufeff" + lines.join("\r\n") + "\r\n"], { type: "text/csv" }));
+    link.download = `${table.dataset.csv}.csv`;
+    link.click();
+    URL.revokeObjectURL(link.href);
+  }
+
+  function exportable(root) {
+    for (const table of root.querySelectorAll("table[data-csv]")) {
+      if (table.dataset.exportable) continue;
+      table.dataset.exportable = "yes";
+      const tools = document.createElement("p");
+      tools.className = "tools";
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = "CSV";
+      button.addEventListener("click", () => csv(table));
+      tools.append(button);
+      (table.closest(".wide") || table).after(tools);
+    }
+  }
+
+  function filter() {
+    const form = document.querySelector("form[data-filter=fleet]");
+    const table = document.querySelector("table.fleet");
+    if (!form || !table) return;
+    const words = form.search.value.toLocaleLowerCase(language).split(/\s+/).filter(Boolean);
+    for (const row of table.tBodies[0].rows) {
+      const text = row.dataset.text.toLocaleLowerCase(language);
+      const found = words.every((word) => text.includes(word));
+      row.hidden = !found || (form.state.value !== "" && row.dataset.state !== form.state.value);
+    }
+    if (form.group.checked) {
+      const rows = [...table.tBodies[0].rows];
+      const first = {};
+      rows.forEach((row, place) => (first[row.dataset.machine] ??= place));
+      rows.sort((a, b) => first[a.dataset.machine] - first[b.dataset.machine]);
+      table.tBodies[0].append(...rows);
+    }
+    const query = new URLSearchParams();
+    if (form.search.value) query.set("search", form.search.value);
+    if (form.state.value) query.set("state", form.state.value);
+    if (form.group.checked) query.set("group", "machine");
+    history.replaceState(null, "", query.size ? `?${query}` : location.pathname);
+  }
+
+  function startFilter() {
+    const form = document.querySelector("form[data-filter=fleet]");
+    if (!form) return;
+    const query = new URLSearchParams(location.search);
+    form.search.value = query.get("search") ?? "";
+    form.state.value = query.get("state") ?? "";
+    form.group.checked = query.get("group") === "machine";
+    form.addEventListener("input", filter);
+    form.addEventListener("submit", (event) => event.preventDefault());
+    filter();
+  }
+
+  // A browser has few connections to a server: a window that is hidden gives its own back.
+  function watchChanges() {
+    if (!document.querySelector("[data-live]")) return;
+    let [source, waiting] = [null, null];
+    const announce = () => {
+      waiting ??= setTimeout(() => {
+        waiting = null;
+        htmx.trigger(document.body, "changes");
+      }, 1000);
+    };
+    const open = () => {
+      source?.close();
+      source = null;
+      if (document.hidden) return;
+      source = new EventSource("/api/v1/events");
+      source.addEventListener("change", announce);
+    };
+    document.addEventListener("visibilitychange", () => {
+      open();
+      if (!document.hidden) announce();
+    });
+    window.addEventListener("pagehide", () => source?.close());
+    open();
+  }
+
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+
+  async function drawCharts(root) {
+    for (const place of root.querySelectorAll("[data-chart]")) {
+      if (place.dataset.drawn) continue;
+      place.dataset.drawn = "yes";
+      try {
+        const answer = place.dataset.source ? await fetch(place.dataset.source) : null;
+        if (answer && !answer.ok) throw new Error((await answer.json()).detail);
+        charts[place.dataset.chart](place, answer ? await answer.json() : null);
+      } catch (error) {
+        place.textContent = error.message;
+        place.classList.add("message");
+      }
+    }
+  }
+
+  function prepare(root) {
+    localTimes(root);
+    sortable(root);
+    exportable(root);
+    filter();
+    drawCharts(root);
+  }
+
+  function start() {
+    startFilter();
+    prepare(document);
+    watchChanges();
+    document.body.addEventListener("htmx:afterSwap", (event) => prepare(event.target));
+  }
+
+  // Scripts of pages, which are deferred too, add their charts before this runs.
+  document.addEventListener("DOMContentLoaded", start);
+  return { charts, colour, number, clock, language };
+})();
