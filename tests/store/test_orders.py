@@ -128,12 +128,13 @@ class Orders(RuleBasedStateMachine):
         assert self.store.verify(self.store.path).faults == ()
 
 
-def test_any_order_of_changes_gives_the_same_history(new_store: NewStore) -> None:
+@pytest.mark.parametrize("orders", [12, pytest.param(200, marks=pytest.mark.slow)])
+def test_any_order_of_changes_gives_the_same_history(new_store: NewStore, orders: int) -> None:
     class OfThisDatabase(Orders):
         pass
 
     OfThisDatabase.new_store = staticmethod(new_store)
-    few = settings(
-        max_examples=12, stateful_step_count=14, deadline=None, suppress_health_check=list(HealthCheck)
+    many = settings(
+        max_examples=orders, stateful_step_count=14, deadline=None, suppress_health_check=list(HealthCheck)
     )
-    run_state_machine_as_test(OfThisDatabase, settings=few)
+    run_state_machine_as_test(OfThisDatabase, settings=many)
