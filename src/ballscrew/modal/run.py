@@ -105,7 +105,7 @@ class FrameMode:
         Mass of the frame that moves along the axis, over the moving mass; None without an accelerometer at
         the nut.
     residual_ratio : float
-        Rms residual of the fit with the frame over that without.
+        Rms residual of the fit with the frame over that without, the pitching mode being fitted in both.
     distinct : bool
         Whether the run shows which of the two modes is the axis.
     """
