@@ -75,8 +75,9 @@ def create_app(service: Service, workers: Sequence[Worker] = ()) -> FastAPI:
         app.include_router(resource.router)
     app.include_router(router)
     if service.settings.on_loopback:
-        for page in (pages, fleet.router, axis.router, rendering.router):
+        for page in (pages, fleet.router, rendering.router):
             app.include_router(page)
+        app.include_router(axis.router)  # last: the name of an axis may contain slashes
     answer_errors(app)
     app.add_middleware(Guard, service=service)
     return app

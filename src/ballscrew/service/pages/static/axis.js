@@ -6,6 +6,8 @@
   const SIGNS = { learning: "▼", normal: "●", watch: "◆", alarm: "■", unloaded: "✖", suspect: "✚", unknown: "○" };
   const HIGHEST = 100; // times the alarm limit
   const DAY = 86400; // s
+  const NEAR = 14; // pixels from a point within which a click opens it
+  const DOUBLE = 280; // ms to wait for the second click
   const view = { full: null, now: null };
   const plots = [];
   let palette = {};
@@ -17,6 +19,8 @@
   const opened = (run) => location.assign(`/runs/${encodeURIComponent(run)}`);
   const seconds = (text) => new Date(/[zZ]|[+-]\d\d:?\d\d$/.test(text) ? text : `${text}Z`).getTime() / 1000;
   const finite = (values) => values.filter((value) => value !== null && Number.isFinite(value));
+  const least = (values) => values.reduce((a, b) => Math.min(a, b), Infinity); // spread, many numbers exceed the stack
+  const most = (values) => values.reduce((a, b) => Math.max(a, b), -Infinity);
 
   function readPalette() {
     const names = ["text", "soft", "line", "back", "panel", "accent", "alarm", ...STATES.map((each) => `fill-${each}`)];
@@ -27,8 +31,8 @@
 
   function extend(low, high) {
     const margin = Math.max((high - low) * 0.02, DAY);
-    const [least, most] = view.full ?? [Infinity, -Infinity];
-    view.full = [Math.min(least, low - margin), Math.max(most, high + margin)];
+    const [begin, end] = view.full ?? [Infinity, -Infinity];
+    view.full = [Math.min(begin, low - margin), Math.max(end, high + margin)];
   }
 
   function zoom(span) {
@@ -62,7 +66,7 @@
         legend: { show: false },
         padding: [8, 8, 0, 0],
         scales: { x: { time: true }, y: options.scale },
-        axes: [axisOf({ values: dates, space: 70 }), axisOf({ size: 56, ...options.axis })],
+        axes: [axisOf({ values: dates, space: 70, size: 26, ...options.dates }), axisOf({ size: 56, ...options.axis })],
         series: [{}, ...options.series],
         cursor: {
           y: false,
@@ -89,11 +93,14 @@
       place,
     );
     plot.runs = runs;
-    let pressed = 0;
+    let [pressed, waiting] = [0, null];
     plot.over.addEventListener("mousedown", (event) => (pressed = event.clientX));
     plot.over.addEventListener("click", (event) => {
-      const run = plot.runs[plot.cursor.idx];
-      if (run && Math.abs(event.clientX - pressed) < 4) opened(run);
+      const { idx, left } = plot.cursor;
+      clearTimeout(waiting);
+      if (event.detail > 1 || !plot.runs[idx] || Math.abs(event.clientX - pressed) > 3) return;
+      const away = Math.abs(plot.valToPos(plot.data[0][idx], "x") - left);
+      if (away < (options.reach ?? NEAR)) waiting = setTimeout(() => opened(plot.runs[idx]), DOUBLE);
     });
     new ResizeObserver(() => {
       if (place.clientWidth && plot.width !== width()) plot.setSize({ width: width(), height });
@@ -106,6 +113,7 @@
     if (!draw) return;
     const { ctx, bbox } = plot;
     ctx.save();
+    ctx.textAlign = "left";
     ctx.beginPath();
     ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
     ctx.clip();
@@ -273,9 +281,19 @@
     ctx.setLineDash([]);
   }
 
+  // Lines end with their epoch; pixels.
+  function betweenEpochs(plot, series, first, last, gaps) {
+    const { epoch, time } = trend.runs;
+    const found = [...gaps];
+    for (let place = Math.max(first, 1); place <= last; place++)
+      if (epoch[place] !== epoch[place - 1])
+        found.push([time[place - 1], time[place]].map((each) => Math.round(plot.valToPos(each, "x", true))));
+    return found.sort((a, b) => a[0] - b[0]);
+  }
+
   function highest() {
     const ends = finite(trend.runs.stiffness.map((each) => each && Math.min(each[2], 1.6)));
-    return 108 * Math.max(1.1, ...ends);
+    return 108 * Math.max(1.1, most(ends));
   }
 
   function span() {
@@ -339,11 +357,11 @@
   const points = (colour) => ({ show: true, size: 5, stroke: colour, fill: colour });
   const stroke = () => palette.accent;
 
-  function about(values, least) {
+  function about(values, narrowest) {
     const known = finite(values);
     if (!known.length) return [0, 1];
-    const [low, high] = [Math.min(...known), Math.max(...known)];
-    const margin = Math.max(0.08 * (high - low), least);
+    const [low, high] = [least(known), most(known)];
+    const margin = Math.max(0.08 * (high - low), narrowest);
     return [low - margin, high + margin];
   }
 
@@ -396,11 +414,11 @@
     });
     const [ramp, odds] = [clip(trend.runs.ramp), clip(trend.runs.odds)];
     update(place("evidence"), run, [time, ramp, odds], {
-      scale: { distr: 4, asinh: 1, range: () => [0, Math.max(3, 1.3 * Math.max(0, ...finite(trend.runs.ramp), ...finite(trend.runs.odds)) > HIGHEST ? HIGHEST : 1.3 * Math.max(0, ...finite(clip(trend.runs.ramp)), ...finite(clip(trend.runs.odds))))] },
-      axis: { splits: () => [0, 1, 3, 10, 30, 100], values: (plot, splits) => splits.map(String) },
+      scale: { distr: 4, asinh: 1, range: () => [0, Math.min(HIGHEST, Math.max(3, most(finite([...trend.runs.ramp, ...trend.runs.odds]))))] },
+      axis: { splits: () => [0, 1, 3, 10, 30, 100], filter: (plot, splits) => splits, values: (plot, splits) => splits.map(String) },
       series: [
-        { stroke, width: 1.4, points: points(stroke) },
-        { stroke, width: 1.2, dash: [5, 4], points: { ...points(stroke), size: 3 } },
+        { stroke, width: 1.4, gaps: betweenEpochs, points: points(stroke) },
+        { stroke, width: 1.2, gaps: betweenEpochs, dash: [5, 4], points: { ...points(stroke), size: 3 } },
       ],
       behind: (plot, ctx, x) => shadeEpochs(plot, ctx, x),
       front: (plot, ctx, x, y) => {
@@ -477,8 +495,8 @@
   function scaleOf(map) {
     const values = finite(map[map.kind].flat());
     if (map.kind === "frequency_Hz") {
-      const low = Math.min(...[Infinity], ...values);
-      return { colours: SEQUENCE, low, high: Math.max(low + 0.1, ...values), text: (value) => `${ballscrew.number(value, 1)} Hz` };
+      const low = least(values);
+      return { colours: SEQUENCE, low, high: Math.max(low + 0.1, most(values)), text: (value) => `${ballscrew.number(value, 1)} Hz` };
     }
     const sizes = values.map((value) => Math.abs(value - 1)).sort((a, b) => a - b);
     const size = Math.max(sizes[Math.floor(0.99 * (sizes.length - 1))] ?? 0, 0.002);
@@ -508,7 +526,8 @@
         const value = map[map.kind][column][row];
         if (value === null) return;
         ctx.fillStyle = mapped(colours, (value - low) / (high - low));
-        ctx.fillRect(left, y(1000 * top), Math.max(right - left, 1), y(1000 * bottom) - y(1000 * top));
+        const [upper, lower] = [Math.floor(y(1000 * top)), Math.ceil(y(1000 * bottom))];
+        ctx.fillRect(left, upper, Math.max(right - left, 1), lower - upper);
       });
     });
   }
@@ -534,10 +553,12 @@
     const map = Object.assign(place.map ?? {}, document_, { kind: choice() });
     drawScale(root, map);
     const stops = edges(map.position_m, Infinity).flat().filter(Number.isFinite);
-    const range = stops.length ? [1000 * Math.min(...stops), 1000 * Math.max(...stops)] : [1000 * map.position_m[0] - 10, 1000 * map.position_m[0] + 10];
+    const range = stops.length ? [1000 * least(stops), 1000 * most(stops)] : [1000 * map.position_m[0] - 10, 1000 * map.position_m[0] + 10];
     const plot = update(place, map.run, [map.time, map.time.map(() => null)], {
       scale: { range: () => range },
-      axis: { values: (each, splits) => splits.map((value) => `${ballscrew.number(value, 0)} mm`), size: 64 },
+      axis: { values: (each, splits) => splits.map((value) => `${ballscrew.number(value, 0)} mm`), size: 64, grid: { show: false } },
+      dates: { grid: { show: false } },
+      reach: Infinity,
       series: [{ paths: () => null, points: { show: false } }],
       behind: (each, ctx, x, y) => drawMap(map, ctx, x, y),
       front: (each, ctx, x) => trend && drawMarks(each, ctx, x, false),
@@ -559,6 +580,7 @@
         cell.textContent = `${ballscrew.number(1000 * position, 0)} mm`;
         head.append(cell);
       }
+    ballscrew.sortable(root);
     tableOf(root, "frequencies", () => map.run.map((each, row) => [each, map.time[row], ...map.frequency_Hz[row].map((value) => [value, 2])]));
     if (map.time.length) extend(map.time[0], map.time[map.time.length - 1]);
     if (view.full) zoom(view.now);

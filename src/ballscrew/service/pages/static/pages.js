@@ -182,5 +182,5 @@ const ballscrew = (() => {
 
   // Scripts of pages, which are deferred too, add their charts before this runs.
   document.addEventListener("DOMContentLoaded", start);
-  return { charts, colour, number, clock, language };
+  return { charts, colour, number, clock, language, sortable };
 })();
