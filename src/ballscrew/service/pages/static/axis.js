@@ -6,6 +6,7 @@
   const SIGNS = { learning: "▼", normal: "●", watch: "◆", alarm: "■", unloaded: "✖", suspect: "✚", unknown: "○" };
   const HIGHEST = 100; // times the alarm limit
   const DAY = 86400; // s
+  const MANY = 150; // runs from which on each is small
   const NEAR = 14; // pixels from a point within which a click opens it
   const DOUBLE = 280; // ms to wait for the second click
   const view = { full: null, now: null };
@@ -66,7 +67,7 @@
         legend: { show: false },
         padding: [8, 8, 0, 0],
         scales: { x: { time: true }, y: options.scale },
-        axes: [axisOf({ values: dates, space: 70, size: 26, ...options.dates }), axisOf({ size: 56, ...options.axis })],
+        axes: [axisOf({ values: dates, space: 70, size: 26, ...options.dates }), axisOf({ size: 64, ...options.axis })],
         series: [{}, ...options.series],
         cursor: {
           y: false,
@@ -225,8 +226,8 @@
   }
 
   function frontPreload(plot, ctx, x, y) {
-    const { time, state, stiffness } = trend.runs;
-    const many = time.length > 150;
+    const { time, state, stiffness, nut } = trend.runs;
+    const many = time.length > MANY;
     const radius = (many ? 2.2 : 3.6) * ratio();
     const floor = plot.bbox.top + plot.bbox.height - 6 * ratio();
     time.forEach((each, place) => {
@@ -234,6 +235,7 @@
       ctx.strokeStyle = ctx.fillStyle = colour;
       const interval = stiffness[place];
       ctx.lineWidth = (many ? 0.8 : 1.3) * ratio();
+      if (!interval && nut[place]) return below(ctx, x(each), y(100 * nut[place][2]));
       if (!interval) return shape(ctx, state[place], x(each), floor, radius);
       ctx.globalAlpha = many ? 0.5 : 0.9;
       line(ctx, x(each), y(100 * interval[1]), x(each), y(100 * interval[2]));
@@ -241,6 +243,16 @@
       shape(ctx, state[place], x(each), y(100 * interval[0]), radius);
     });
     drawMarks(plot, ctx, x);
+  }
+
+  // An upper limit alone: an arrow downwards.
+  function below(ctx, x, y) {
+    const size = 4 * ratio();
+    line(ctx, x - size, y, x + size, y);
+    line(ctx, x, y, x, y + 5 * size);
+    ctx.beginPath();
+    polygon(ctx, [[x - size, y + 4 * size], [x + size, y + 4 * size], [x, y + 6 * size]]);
+    ctx.fill();
   }
 
   function marks() {
@@ -354,7 +366,7 @@
 
   // ---- charts of a run each -------------------------------------------------------------------------------
 
-  const points = (colour) => ({ show: true, size: 5, stroke: colour, fill: colour });
+  const points = (colour) => ({ show: (plot) => plot.data[0].length < MANY, size: 5, stroke: colour, fill: colour });
   const stroke = () => palette.accent;
 
   function about(values, narrowest) {
@@ -556,7 +568,7 @@
     const range = stops.length ? [1000 * least(stops), 1000 * most(stops)] : [1000 * map.position_m[0] - 10, 1000 * map.position_m[0] + 10];
     const plot = update(place, map.run, [map.time, map.time.map(() => null)], {
       scale: { range: () => range },
-      axis: { values: (each, splits) => splits.map((value) => `${ballscrew.number(value, 0)} mm`), size: 64, grid: { show: false } },
+      axis: { values: (each, splits) => splits.map((value) => `${ballscrew.number(value, 0)} mm`), grid: { show: false } },
       dates: { grid: { show: false } },
       reach: Infinity,
       series: [{ paths: () => null, points: { show: false } }],
