@@ -150,18 +150,22 @@ const ballscrew = (() => {
 
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
-  async function drawCharts(root) {
+  async function drawChart(place) {
+    try {
+      const answer = place.dataset.source ? await fetch(place.dataset.source) : null;
+      if (answer && !answer.ok) throw new Error((await answer.json()).detail);
+      charts[place.dataset.chart](place, answer ? await answer.json() : null);
+    } catch (error) {
+      place.textContent = error.message;
+      place.classList.add("message");
+    }
+  }
+
+  function drawCharts(root) {
     for (const place of root.querySelectorAll("[data-chart]")) {
       if (place.dataset.drawn) continue;
       place.dataset.drawn = "yes";
-      try {
-        const answer = place.dataset.source ? await fetch(place.dataset.source) : null;
-        if (answer && !answer.ok) throw new Error((await answer.json()).detail);
-        charts[place.dataset.chart](place, answer ? await answer.json() : null);
-      } catch (error) {
-        place.textContent = error.message;
-        place.classList.add("message");
-      }
+      drawChart(place);
     }
   }
 
@@ -182,5 +186,5 @@ const ballscrew = (() => {
 
   // Scripts of pages, which are deferred too, add their charts before this runs.
   document.addEventListener("DOMContentLoaded", start);
-  return { charts, colour, number, clock, language };
+  return { charts, colour, number, clock, language, sortable };
 })();

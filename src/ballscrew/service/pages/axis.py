@@ -1,0 +1,105 @@
+"""Page of an axis: what to do and why, its curves, and tables of its runs, alarms, events and epochs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import Response
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from ballscrew.base.provenance import digest
+from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.alarms import alarm_documents
+from ballscrew.service.pages.rendering import render
+from ballscrew.service.reading import axis_document
+from ballscrew.service.serving import RefusedError, Service
+from ballscrew.store.reading import find_axis
+from ballscrew.store.tables import Assessment, Axis, EpochRow, MachineRow, Method
+
+router = APIRouter(include_in_schema=False)
+
+_ROWS = 100  # runs in the table, unless all are asked for
+
+
+@router.get("/axes/{axis:path}")
+def show_axis_page(
+    axis: str,
+    request: Request,
+    caller: AdminCaller,  # noqa: ARG001
+    service: RunningService,
+) -> Response:
+    """An axis with its curves and tables; ``?part=live`` gives what changes, or 204 if nothing has."""
+    try:
+        context = _context(service, axis)
+    except RefusedError as error:
+        if error.status != 404:
+            raise
+        return render(request, "axis_unknown.html", 404, axis=axis)
+    stamp = digest(context)
+    template = "axis.html"
+    if request.query_params.get("part") == "live":
+        if request.query_params.get("known") == stamp:
+            return Response(status_code=204, headers={"Cache-Control": "no-store"})
+        template = "axis_live.html"
+    runs = context["runs"]
+    if request.query_params.get("runs") != "all":
+        runs = runs[:_ROWS]
+    return render(request, template, stamp=stamp, shown=runs, **context)
+
+
+def _context(service: Service, name: str) -> dict[str, Any]:
+    """What the page shows."""
+    document = axis_document(service, name)
+    document["runs"].reverse()
+    explanation = document.pop("explanation") or {}
+    excluded = {}
+    for each in document.pop("exclusions"):
+        if each["ended_at"] is None:
+            excluded[each["run"] or each["event"]] = each
+    timed = [run for run in document["runs"] if run["counts"] and run["measured_at"] is not None]
+    with service.store.read() as session:
+        axis = find_axis(session, name)
+        alarms = [each for each in alarm_documents(session) if each["axis"] == name]
+        found = _place(session, axis) | _made(session, axis)
+    return {
+        "axis": document,
+        "runs": document.pop("runs"),
+        "timed": len(timed),
+        "nut": next((run["nut"] for run in timed if run["stiffness"] is not None), None),
+        "explanation": explanation,
+        "judged": explanation.get("state") or {},
+        "excluded": excluded,
+        "alarms": alarms,
+        **found,
+    }
+
+
+def _place(session: Session, axis: Axis) -> dict[str, Any]:
+    """Machine and site of an axis."""
+    machine = None
+    if axis.machine_id is not None:
+        machine = session.get(MachineRow, axis.machine_id)
+    return {"machine": getattr(machine, "name", None), "site": getattr(machine, "site", None)}
+
+
+def _made(session: Session, axis: Axis) -> dict[str, Any]:
+    """Epochs of an axis, and how the numbers of its newest assessment were made."""
+    made = None
+    if axis.assessment_id is not None:
+        assessment = session.get_one(Assessment, axis.assessment_id)
+        method = session.get_one(Method, assessment.method_id)
+        made = {
+            "at": assessment.made_at,
+            "version": assessment.version,
+            "model": assessment.model_digest,
+            "method": method.name,
+            "revision": method.revision,
+            "settings": method.settings | assessment.settings,
+            "runs": assessment.runs,
+        }
+    names = ("number", "begins", "ends", "cause", "alarm_at")
+    rows = session.scalars(select(EpochRow).where(EpochRow.axis_id == axis.id).order_by(EpochRow.number))
+    epochs = [{name: getattr(row, name) for name in names} for row in rows]
+    return {"made": made, "epochs": epochs}

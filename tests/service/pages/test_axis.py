@@ -1,0 +1,234 @@
+"""Page of an axis, and the curves that its charts show."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from html import unescape
+from pathlib import Path
+from statistics import median
+from typing import Any
+from urllib.parse import quote
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import select
+from tests.service.conftest import SETUP, client_of
+from tests.simulated_bench import AXIS
+from tests.store.stored import MODEL, RUNS, fill
+
+from ballscrew.service.pages.rendering import format_percent
+from ballscrew.service.serving import ServedStore, Service
+from ballscrew.service.settings import ServerSettings
+from ballscrew.store.adding import add_sheet
+from ballscrew.store.assessing import monitor_axis
+from ballscrew.store.fleet import simulate_fleet
+from ballscrew.store.opened import create_store
+from ballscrew.store.tables import CellRow
+
+HOSTILE = """<script>alert("x")</script> a/b 'ä' &amp; {{ 7 * 7 }}"""
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Service:
+    """A service with an axis that wears, one that was only set up, and two without explanation."""
+    store = create_store(tmp_path_factory.mktemp("axis") / "store")
+    fill(store)
+    monitor_axis(store, "bench")
+    simulate_fleet(store, axes=2, years=2.5, cells=8)
+    served = ServedStore(store.path)
+    service = Service(served, ServerSettings(min_free_bytes=0))
+    sheet = store.path / "sheet.toml"
+    sheet.write_text(AXIS.replace('"bench"', json.dumps(HOSTILE, ensure_ascii=False)), encoding="utf-8")
+    add_sheet(served, sheet, machine="<b>mill</b>", site="hall & yard")
+    return service
+
+
+@pytest.fixture(scope="module")
+def client(service: Service) -> Iterator[TestClient]:
+    with client_of(service) as client:
+        yield client
+
+
+def page_of(client: TestClient, axis: str = "bench", query: str = "") -> str:
+    answer = client.get(f"/axes/{quote(axis, safe='')}{query}")
+    assert answer.status_code == 200
+    return answer.text
+
+
+def curves(client: TestClient, name: str, axis: str = "bench") -> dict[str, Any]:
+    answer = client.get(f"/api/v1/axes/{quote(axis, safe='')}/{name}")
+    assert answer.status_code == 200
+    found: dict[str, Any] = answer.json()
+    return found
+
+
+def test_what_to_do_stands_before_why_and_before_the_charts(client: TestClient) -> None:
+    document = client.get("/api/v1/axes/bench").json()
+    text = unescape(page_of(client))
+    explanation = document["explanation"]
+    order = [explanation["headline"], "What to do<", *explanation["actions"], "Reasons and doubts<"]
+    order += [explanation["state"]["nut_reasons"][0], "History<", "Possible causes<", "Alarms</h2>"]
+    places = [text.index(each) for each in (*order, "Events</h2>", "Runs (14)<")]
+    assert places == sorted(places)
+    assert "Loss of preload." in text
+    assert text.count('class="lamp alarm large"') == 1
+
+
+def test_the_page_states_the_numbers_of_the_api_and_links_every_run(client: TestClient) -> None:
+    text = page_of(client)
+    runs = client.get("/api/v1/axes/bench/runs").json()["runs"]
+    assert len(runs) == len(RUNS)
+    for run in runs:
+        row = text[text.index(f'href="/runs/{quote(run["run"], safe="")}"') :].split("</tr>")[0]
+        assert format_percent(run["stiffness"], "en") in row
+        assert format_percent(run["nut"], "en") in row
+        assert run["measured_at"] in row
+    for cause in client.get("/api/v1/axes/bench").json()["explanation"]["state"]["causes"]:
+        assert f'data-value="{cause["probability"]}"' in text
+
+
+def test_the_page_says_how_its_numbers_were_made(client: TestClient) -> None:
+    text = page_of(client).split('id="axis-made"')[1]
+    assert "joint, revision 1" in text
+    assert "from 14 runs" in text
+    assert text.count("<code>") == 1
+
+
+def test_an_axis_that_was_only_set_up_says_what_is_missing(client: TestClient) -> None:
+    text = page_of(client, HOSTILE)
+    assert "This axis was never assessed." in text
+    assert "Add what is missing: data sheet, plan, channel map, model, run with a time." in text
+    assert "No run was sent yet." in text
+    assert "data-chart" not in text
+
+
+def test_hostile_names_are_text(client: TestClient) -> None:
+    for text in (page_of(client, HOSTILE), page_of(client)):
+        assert "<script>alert" not in text
+        assert "<b>mill" not in text
+        assert " style=" not in text
+    assert "{{ 7 * 7 }}" in unescape(page_of(client, HOSTILE))
+    for name in ("trend", "frequencies", "mechanics"):
+        assert curves(client, name, HOSTILE)["axis"] == HOSTILE
+
+
+@pytest.mark.parametrize("axis", ["none", "<i>none</i>", "a/b", "bench/", "x" * 3000, "%00"])
+def test_an_unknown_axis_is_a_page_with_a_link_to_the_fleet(client: TestClient, axis: str) -> None:
+    answer = client.get(f"/axes/{quote(axis, safe='')}")
+    assert answer.status_code == 404
+    assert "<i>none" not in answer.text
+    assert '<a href="/">All axes</a>' in answer.text
+    for name in ("trend", "frequencies", "mechanics"):
+        assert client.get(f"/api/v1/axes/{quote(axis, safe='')}/{name}").status_code == 404
+
+
+def test_the_live_part_is_sent_only_after_a_change(tmp_path: Path) -> None:
+    store = create_store(tmp_path / "store")
+    fill(store, RUNS[:4])
+    monitor_axis(store, "bench")
+    service = Service(ServedStore(store.path), ServerSettings(min_free_bytes=0))
+    with client_of(service) as client:
+        text = page_of(client, query="?part=live")
+        stamp = text.split('name="known" value="')[1].split('"')[0]
+        assert "<html" not in text
+        again = client.get("/axes/bench", params={"part": "live", "known": stamp})
+        assert (again.status_code, again.text) == (204, "")
+        event = {"at": "2026-01-05T08:00:00Z", "kind": "note", "text": "<u>oil</u>"}
+        assert client.post("/api/v1/axes/bench/events", json=[event]).status_code == 200
+        changed = client.get("/axes/bench", params={"part": "live", "known": stamp})
+        assert changed.status_code == 200
+        assert "The axis will be assessed again." in changed.text
+        assert "&lt;u&gt;oil&lt;/u&gt;" in changed.text
+
+
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_an_axis_with_few_runs_and_no_model_has_a_page(tmp_path: Path, number: int) -> None:
+    store = create_store(tmp_path / "store")
+    fill(store, RUNS[:number]) if number else None
+    service = Service(ServedStore(store.path), ServerSettings(min_free_bytes=0))
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        text = page_of(client)
+        assert f"Runs ({number})" in text
+        assert ("data-chart" in text) == (number > 0)
+        assert len(curves(client, "trend")["runs"]["time"]) == number
+        assert len(curves(client, "mechanics")["time"]) == number
+
+
+def test_many_runs_are_listed_when_asked_for(client: TestClient) -> None:
+    axis = "simulated 0-00000"
+    text = page_of(client, axis)
+    assert text.count('href="/runs/') == 100
+    assert "All 130 runs" in text
+    assert page_of(client, axis, "?runs=all").count('href="/runs/') == 130
+
+
+def test_the_trend_has_a_column_for_each_quantity_of_the_runs(client: TestClient) -> None:
+    document = curves(client, "trend")
+    runs = client.get("/api/v1/axes/bench/runs").json()["runs"]
+    for name in ("run", "state", "quality", "stiffness", "nut", "temperature_C"):
+        assert document["runs"][name] == [run[name] for run in runs]
+    assert {len(column) for column in document["runs"].values()} == {len(RUNS)}
+    above = [value is not None and value > 1 for value in document["runs"]["ramp"]]
+    assert above.index(True) == document["runs"]["state"].index("alarm")
+    assert [each["kind"] for each in document["events"]] == ["note", "greased"]
+    assert document["alarms"][0]["began_at"] == document["epochs"][0]["alarm_at"]
+    assert len(document["ahead"]["ratio"]) == len(document["ahead"]["days"])
+
+
+def test_frequencies_are_means_of_stops_relative_to_the_runs_that_were_learned(
+    client: TestClient, service: Service
+) -> None:
+    axis = "simulated 0-00001"
+    document = curves(client, "frequencies", axis)
+    assert document["position_m"] == [0.0, 0.045]
+    with service.store.read() as session:
+        values = session.scalars(select(CellRow.frequency_Hz).order_by(CellRow.result_id, CellRow.place)).all()
+    values = values[-130 * 8 :]
+    rows = [values[8 * number : 8 * number + 8] for number in range(130)]
+    baseline = [median(row[cell] for row in rows[:3]) for cell in range(8)]
+    for found, relative, row in zip(document["frequency_Hz"], document["relative"], rows, strict=True):
+        assert found == pytest.approx([sum(row[:4]) / 4, sum(row[4:]) / 4], rel=1e-6)
+        over = [value / base for value, base in zip(row, baseline, strict=True)]
+        assert relative == pytest.approx([sum(over[:4]) / 4, sum(over[4:]) / 4], rel=1e-6)
+
+
+def test_a_cell_without_a_frequency_is_left_out_of_its_stop(tmp_path: Path) -> None:
+    store = create_store(tmp_path / "store")
+    simulate_fleet(store, axes=1, years=0.1, cells=5)
+    with store.write("test") as session:
+        for cell in session.scalars(select(CellRow).where(CellRow.result_id == 4)):
+            cell.frequency_Hz = None if cell.place in (0, 4) else 100.0 + cell.place
+    with client_of(Service(ServedStore(store.path), ServerSettings(min_free_bytes=0))) as client:
+        document = curves(client, "frequencies", "simulated 0-00000")
+    assert document["frequency_Hz"][3] == [102.0, None]
+    assert document["relative"][3][1] is None
+    assert None not in document["frequency_Hz"][0]
+
+
+def test_mechanics_states_friction_and_lost_motion_of_the_results(client: TestClient) -> None:
+    document = curves(client, "mechanics")
+    for run, value in zip(RUNS, document["coulomb_N"], strict=True):
+        expected = run.rigid_body.coulomb_N
+        assert value == [expected, run.rigid_body.standard_uncertainty["coulomb_N"]]
+    assert document["lost_motion_m"] == [None] * len(RUNS)
+
+
+def test_a_run_that_is_excluded_is_in_the_table_and_not_in_the_curves(tmp_path: Path) -> None:
+    store = create_store(tmp_path / "store")
+    fill(store, RUNS[:4])
+    with client_of(Service(ServedStore(store.path), ServerSettings(min_free_bytes=0))) as client:
+        run = quote(RUNS[1].id, safe="")
+        body = {"reason": "<em>wrong</em> load"}
+        assert client.post(f"/api/v1/axes/bench/runs/{run}/exclusion", json=body).status_code == 200
+        assert "excluded: &lt;em&gt;wrong&lt;/em&gt; load" in page_of(client)
+        for name in ("frequencies", "mechanics"):
+            assert RUNS[1].id not in curves(client, name)["run"]
+        assert len(curves(client, "trend")["runs"]["run"]) == 3
+
+
+def test_the_model_of_the_page_is_that_of_the_assessment(client: TestClient) -> None:
+    assert MODEL.axis == "bench"
+    digest = page_of(client).split("<code>")[1].split("</code>")[0]
+    assert len(digest) == 64
