@@ -153,8 +153,9 @@ class OnDemand:
             except queue.Empty:
                 with self._lock:
                     if time.monotonic() > deadline and not self._waiting:
+                        self._end_process()
                         self._thread = None
-                        break
+                        return
                 continue
             self._finish(key, self._answer(key, task))
             deadline = time.monotonic() + _IDLE
@@ -164,7 +165,8 @@ class OnDemand:
         """Sentence why there is no result, or None."""
         self._folder.mkdir(parents=True, exist_ok=True)
         try:
-            if self._pipe is None:
+            if self._process is None or not self._process.is_alive():
+                self._end_process()
                 self._start_process()
             return self._ask(task, self._folder / key)
         except Exception as error:  # noqa: BLE001  whatever it is, the next task is computed

@@ -176,23 +176,25 @@
       if (data.natural_frequency_Hz !== null) shade(chart, data.natural_frequency_Hz - half, data.natural_frequency_Hz + half, ballscrew.colour("accent"), 0.35);
     };
     const sensors = ["#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#999999"];
-    const panel = (height, label, scale, series, rows, last) => plot(add(place, "panel"), height, {
+    const panel = (height, label, scale, series, rows, more) => plot(add(place, "panel"), height, {
       scales: { x: { time: false, range: (_, low, high) => [low ?? span[0], high ?? span[1]], min: span[0], max: span[1] }, y: scale },
-      axes: [axis(last ? words.hertz : undefined, { values: plainNumbers }), axis(label, { size: 64, values: plainNumbers })],
+      axes: [axis(words.hertz, { values: plainNumbers }), axis(label, { size: 64, values: plainNumbers, ...more })],
       series: [{ label: words.hertz, value: shown }, ...series], cursor: { sync: { key: "response", scales: ["x", null] }, drag: { x: true } },
       bands: series.length === 3 && series[1].label === "−" ? [{ series: [3, 2], fill: () => `${ballscrew.colour("accent")}33` }] : [],
       hooks: { drawClear: [background] },
     }, [data.frequency_Hz, ...rows]);
+    const known = data.magnitude.filter((value) => value > 0);
+    const decades = (_, splits) => splits.map((value) => (Number.isInteger(Math.round(1e6 * Math.log10(value)) / 1e6) ? value : null));
     const edge = (factor) => data.magnitude.map((value, n) => (value === null ? null : Math.max(value * (1 + factor * data.relative_half_width[n]), value / 100)));
     const accent = () => ballscrew.colour("accent");
     const thin = { width: 0, points: { show: false }, value: shown };
-    panel(280, `${words.magnitude}, ${data.estimator} (m/s² per ${data.input_unit})`, { distr: 3 }, [
+    panel(280, `${words.magnitude}, ${data.estimator} (m/s² per ${data.input_unit})`, { distr: 3, range: () => [0.5 * Math.min(...known), 2 * Math.max(...known)] }, [
       { label: words.magnitude, stroke: accent, width: 2, value: shown, points: { show: false } },
       { ...thin, label: "−", stroke: accent }, { ...thin, label: "+", stroke: accent },
-    ], [data.magnitude, edge(-1), edge(1)], false);
+    ], [data.magnitude, edge(-1), edge(1)], { filter: decades });
     const sensor = (name, n) => ({ label: name || `${n + 1}`, stroke: sensors[n % sensors.length], width: 1.4, value: shown, points: { show: false } });
-    panel(170, words.phase, { range: () => [-190, 190] }, data.responses.map(sensor), data.phase_deg, false);
-    panel(150, words.coherence, { range: () => [0, 1.05] }, data.responses.map(sensor), data.coherence, true);
+    panel(170, words.phase, { range: () => [-190, 190] }, data.responses.map(sensor), data.phase_deg, { splits: [-180, -90, 0, 90, 180] });
+    panel(150, words.coherence, { range: () => [0, 1.05] }, data.responses.map(sensor), data.coherence, { splits: [0, 0.5, 1] });
   };
 
   // --- raw signals -------------------------------------------------------------------------------------------
@@ -268,13 +270,16 @@
       const order = this.channels.map((each) => each.name);
       const later = [...this.plots.entries()].find(([name]) => order.indexOf(name) > order.indexOf(channel.name));
       if (later) this.place.insertBefore(panel, later[1].panel);
-      panel.setAttribute("role", "img");
-      panel.setAttribute("aria-label", channel.name);
+      const heading = panel.appendChild(document.createElement("h2"));
+      heading.textContent = channel.name;
+      const canvas = add(panel, "plot");
+      canvas.setAttribute("role", "img");
+      canvas.setAttribute("aria-label", channel.name);
       const accent = () => ballscrew.colour("accent");
       const series = { stroke: accent, width: 1, value: shown, points: { show: (chart) => chart.data[0].length < chart.bbox.width / devicePixelRatio / 6, size: 5, fill: accent } };
-      const chart = plot(panel, 210, {
+      const chart = plot(canvas, 200, {
         scales: { x: { time: false, range: () => this.span } },
-        axes: [axis(this.words.time, { values: plainNumbers, space: 90 }), axis(channel.unit ? `${channel.name} (${channel.unit})` : channel.name, { size: 76, values: plainNumbers })],
+        axes: [axis(this.words.seconds, { values: plainNumbers, space: 90 }), axis(channel.unit, { size: 76, values: plainNumbers })],
         series: [{ label: this.words.seconds, value: shown }, { ...series, label: this.words.low }, { ...series, label: this.words.high }],
         bands: [{ series: [2, 1], fill: accent }],
         cursor: { sync: { key: "signals", scales: ["x", null] }, drag: { x: true, setScale: false }, bind: { dblclick: () => () => this.show(this.whole) } },
