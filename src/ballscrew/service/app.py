@@ -19,11 +19,23 @@ from ballscrew._version import __version__
 from ballscrew.base.errors import BallscrewError
 from ballscrew.monitoring.epochs import moment
 from ballscrew.report.canvas import STATE_COLOURS, STATE_SIGNS
-from ballscrew.service import alarms, axes, curves, reading, runs, tokens, uploads
+from ballscrew.service import (
+    alarms,
+    axes,
+    comparing,
+    curves,
+    reading,
+    responses,
+    runs,
+    signals,
+    tokens,
+    uploads,
+)
 from ballscrew.service.access import AdminCaller, Guard, RunningService
 from ballscrew.service.alarms import standing_alarms
 from ballscrew.service.jobs import job_documents
-from ballscrew.service.pages import axis, fleet, rendering
+from ballscrew.service.on_demand import OnDemand
+from ballscrew.service.pages import axis, compare, fleet, rendering, run
 from ballscrew.service.reading import fleet_document
 from ballscrew.service.serving import Service, answer_errors
 from ballscrew.service.working import Worker
@@ -71,11 +83,12 @@ def create_app(service: Service, workers: Sequence[Worker] = ()) -> FastAPI:
     app.state.service = service
     app.state.workers = workers
     app.state.receiving = set()
-    for resource in (uploads, runs, axes, curves, reading, alarms, tokens):
+    app.state.on_demand = OnDemand(service)
+    for resource in (uploads, runs, axes, curves, reading, comparing, signals, responses, alarms, tokens):
         app.include_router(resource.router)
     app.include_router(router)
     if service.settings.on_loopback:
-        for page in (pages, fleet.router, rendering.router):
+        for page in (pages, fleet.router, run.router, compare.router, rendering.router):
             app.include_router(page)
         app.include_router(axis.router)  # last: the name of an axis may contain slashes
     answer_errors(app)

@@ -16,7 +16,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.service.access import AdminCaller, RunningService
-from ballscrew.service.serving import RefusedError, Service
+from ballscrew.service.serving import RefusedError
 from ballscrew.store.explaining import find_explanation
 from ballscrew.store.reading import current_rows, find_axis, find_method, trend
 from ballscrew.store.tables import (
@@ -138,9 +138,7 @@ def _results(axis: Axis, method: Method | None, *columns: Any) -> Select[Any]:
 
 def _events(axis: Axis) -> Select[Any]:
     """Events of an axis that count."""
-    excluded = select(Exclusion.event_id).where(
-        Exclusion.event_id.is_not(None), Exclusion.ended_at.is_(None)
-    )
+    excluded = select(Exclusion.event_id).where(Exclusion.event_id.is_not(None), Exclusion.ended_at.is_(None))
     found = select(EventRow).where(EventRow.axis_id == axis.id, EventRow.id.not_in(excluded))
     return found.order_by(EventRow.time, EventRow.digest)
 

@@ -25,20 +25,19 @@ from ballscrew.service.jobs import ANALYSE, ASSESS, enqueue, job_documents
 from ballscrew.service.lamps import add_lamps
 from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_document
 from ballscrew.service.serving import RefusedError, Service
+from ballscrew.service.stored_runs import result_document
 from ballscrew.store.explaining import find_explanation
 from ballscrew.store.opened import record
-from ballscrew.store.reading import find_axis, find_method, list_axes
+from ballscrew.store.reading import find_axis, list_axes
 from ballscrew.store.showing import show_axis
 from ballscrew.store.tables import (
     Audit,
     Axis,
     JobRow,
     Model,
-    ResultRow,
     RunRow,
     Setup,
     Upload,
-    unpack,
 )
 
 router = APIRouter(prefix="/api/v1")
@@ -219,7 +218,7 @@ def show_run(run: str, caller: AnyCaller, service: RunningService) -> dict[str, 
         if axis is None:
             raise RefusedError(404, f"there is no run {shown(run)}.")
         document = {"schema": SCHEMA, "axis": axis.name, "sent": [upload_document(each) for each in sent]}
-        document["run"] = None if row is None else _result(session, axis, row)
+        document["run"] = None if row is None else result_document(session, axis, row)
         return document
 
 
@@ -230,14 +229,6 @@ def _axis_of(session: Session, sent: Sequence[Upload], row: RunRow | None) -> Ax
     if sent:
         return session.get(Axis, sent[0].axis_id)
     return None
-
-
-def _result(session: Session, axis: Axis, row: RunRow) -> Any:
-    """RUN.json of a run by the method of the history of its axis, or else by any."""
-    method = find_method(session, axis)
-    found = session.scalars(select(ResultRow).where(ResultRow.run_id == row.id).order_by(ResultRow.id)).all()
-    best = [result for result in found if method is not None and result.method_id == method.id]
-    return unpack((best or found)[0].document)
 
 
 @router.get("/jobs")

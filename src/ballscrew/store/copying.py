@@ -335,7 +335,7 @@ def _export_results(session: Session, axis: Axis, folder: Path) -> None:
             result = session.scalar(found)
         if result is not None:
             document = unpack(result.document)
-            _write(folder / "runs" / f"{_file_name(row)}.json", write_json(document) + "\n")
+            _write(folder / "runs" / f"{file_name(row)}.json", write_json(document) + "\n")
     document = {"schema": SCHEMA, "axis": axis.name, "runs": provenance}
     _write(folder / "provenance.json", write_json(document) + "\n")
 
@@ -346,7 +346,7 @@ def _export_raw(session: Session, store: OpenStore, axis: Axis, folder: Path) ->
         select(Source, RunRow).join(RunRow, RunRow.id == Source.run_id).where(RunRow.axis_id == axis.id)
     ).all()
     for source, run in sources:
-        place = folder / "recordings" / _file_name(run)
+        place = folder / "recordings" / file_name(run)
         stated = source.stated
         names = []
         for number, sha256 in enumerate(stated["files"]):
@@ -385,8 +385,8 @@ def _name(session: Session, run: RunRow, sha256: str) -> str:
     return session.scalars(found).first() or "recording"
 
 
-def _file_name(row: Any) -> str:
-    """Name of a run's file: its day and the digest of its id, which may be any text."""
+def file_name(row: Any) -> str:
+    """Name of a run in an export: its day and the digest of its id, which may be any text."""
     day = (row.measured_at or "no-time")[:10]
     return f"{day}-{digest(row.run)[:12]}"
 

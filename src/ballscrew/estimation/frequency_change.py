@@ -1,0 +1,52 @@
+"""Change of the frequency of each cell from one run to another, with its uncertainty."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ballscrew.base.quantity import Quantity
+from ballscrew.calibration.assumptions import REPEATS
+from ballscrew.calibration.covariance import joint_covariance, with_repeating_load
+from ballscrew.calibration.frequency_table import frequency_table, paired_cells
+from ballscrew.modal.cell import CellKey
+from ballscrew.modal.run import Run
+
+
+def frequency_changes(run: Run, other: Run) -> dict[CellKey, Quantity]:
+    """Frequency of each cell of a run less that of the same cell of another run.
+
+    Errors that repeat from run to run of an axis cancel as far as they are correlated; between two axes they
+    do not. A change of load or temperature is not corrected.
+
+    Parameters
+    ----------
+    run, other : Run
+        Both with their loads.
+
+    Returns
+    -------
+    dict of CellKey to Quantity
+        Hz, of the cells that have a frequency in both, by their keys in ``run``.
+
+    Raises
+    ------
+    InputError
+        If a run has no load.
+    """
+    tables = [with_repeating_load(frequency_table(each)) for each in (run, other)]
+    rows, other_rows = paired_cells(*tables)
+    if not rows:
+        return {}
+    correlation = 0.0
+    if run.axis is not None and run.axis == other.axis:
+        correlation = REPEATS
+    covariance = joint_covariance(tables, correlation)
+    shifted = np.array(other_rows) + len(tables[0].frequency)
+    variance = covariance[rows, rows] + covariance[shifted, shifted] - 2 * covariance[rows, shifted]
+    spread = np.sqrt(np.maximum(variance, 0.0))
+    changes = {}
+    for row, other_row, uncertainty in zip(rows, other_rows, spread.tolist(), strict=True):
+        value = float(tables[0].frequency[row] - tables[1].frequency[other_row])
+        key = CellKey(float(tables[0].position[row]), tables[0].condition[row], tables[0].motion[row])
+        changes[key] = Quantity(value, uncertainty, "Hz")
+    return changes

@@ -1,0 +1,246 @@
+"""Results that pages need of raw files: computed by one process when they are asked for, and cached."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import queue
+import shutil
+import signal
+import tempfile
+import threading
+import time
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Annotated, Any, Protocol
+
+from fastapi import Depends, Request
+from fastapi.responses import JSONResponse
+
+from ballscrew.base.errors import BallscrewError, InputError
+from ballscrew.service.serving import FULL, TOO_MANY, RefusedError, Service
+
+_log = logging.getLogger("ballscrew.service")
+
+_PATIENCE = 2.0  # s until an answer says that a result is being computed
+_TICK = 0.2  # s between looks at whether the service stops
+_IDLE = 300.0  # s without a task after which the process ends
+_MOST_WAITING = 8  # tasks
+_MOST_BYTES = 4 << 30  # of all results; the oldest are removed
+_MOST_REFUSALS = 1000  # that are remembered
+
+
+class FileTask(Protocol):
+    """Something to compute, as plain data for a process."""
+
+    def write(self, folder: Path) -> None:
+        """Write the result as files of a folder."""
+        ...
+
+
+def compute_tasks(pipe: Connection, scratch: str) -> None:
+    """Main function of the process: receive tasks and folders until the pipe is closed.
+
+    Parameters
+    ----------
+    pipe : Connection
+        To the service; the answer is None, or a sentence why there is no result.
+    scratch : str
+        Folder for temporary files.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the service stops this one
+    tempfile.tempdir = scratch
+    with suppress(EOFError, OSError):
+        while True:
+            task, target = pipe.recv()
+            pipe.send(compute(task, Path(target)))
+
+
+def compute(task: FileTask, target: Path) -> str | None:
+    """Compute a result and write it, whole or not at all; the sentence why not, or None."""
+    folder = Path(tempfile.mkdtemp(prefix="computing-", dir=target.parent))
+    try:
+        task.write(folder)
+        folder.rename(target)
+    except BallscrewError as error:
+        return str(error)
+    except Exception as error:  # noqa: BLE001  of whatever kind, the process goes on
+        return f"unexpected error ({type(error).__name__}: {error})"
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    return None
+
+
+class OnDemand:
+    """Results of tasks in folders of the scratch folder, and the process that computes them, one by one.
+
+    Parameters
+    ----------
+    service : Service
+        The service.
+    """
+
+    def __init__(self, service: Service) -> None:
+        self.service = service
+        self._lock = threading.Lock()
+        self._tasks: queue.SimpleQueue[tuple[str, FileTask]] = queue.SimpleQueue()
+        self._waiting: dict[str, threading.Event] = {}
+        self._refusals: dict[str, str] = {}
+        self._thread: threading.Thread | None = None
+        self._process: Any = None
+        self._pipe: Connection | None = None
+
+    @property
+    def _folder(self) -> Path:
+        return self.service.scratch / "on-demand"
+
+    def find(self, key: str, task: FileTask) -> Path | None:
+        """Folder with the result of a task.
+
+        Parameters
+        ----------
+        key : str
+            Name of the result, of letters and digits.
+        task : FileTask
+            How it is computed.
+
+        Returns
+        -------
+        Path or None
+            None where it is not computed within two seconds: ask again.
+
+        Raises
+        ------
+        InputError
+            If it cannot be computed.
+        RefusedError
+            429 if too many results wait, 507 if the disk is full.
+        """
+        path = self._folder / key
+        with self._lock:
+            if path.is_dir():
+                os.utime(path)  # used last
+                return path
+            if key in self._refusals:
+                raise InputError(self._refusals[key])
+            done = self._waiting.get(key) or self._enqueue(key, task)
+        done.wait(_PATIENCE)
+        with self._lock:
+            if key in self._refusals:
+                raise InputError(self._refusals[key])
+        return path if path.is_dir() else None
+
+    def _enqueue(self, key: str, task: FileTask) -> threading.Event:
+        if len(self._waiting) >= _MOST_WAITING:
+            raise RefusedError(TOO_MANY, "too many results are being computed.", {"Retry-After": "5"})
+        if self.service.free_bytes() < self.service.settings.min_free_bytes:
+            raise RefusedError(FULL, "the disk is full.", {"Retry-After": "60"})
+        self._waiting[key] = threading.Event()
+        self._tasks.put((key, task))
+        if self._thread is None or not self._thread.is_alive():
+            self._thread = threading.Thread(target=self._run, name="on demand", daemon=True)
+            self._thread.start()
+        return self._waiting[key]
+
+    def _run(self) -> None:
+        """Compute until no task has come for a while, or the service stops."""
+        deadline = time.monotonic() + _IDLE
+        while not self.service.stopping.is_set():
+            try:
+                key, task = self._tasks.get(timeout=_TICK)
+            except queue.Empty:
+                with self._lock:
+                    if time.monotonic() > deadline and not self._waiting:
+                        self._end_process()
+                        self._thread = None
+                        return
+                continue
+            self._finish(key, self._answer(key, task))
+            deadline = time.monotonic() + _IDLE
+        self._end_process()
+
+    def _answer(self, key: str, task: FileTask) -> str | None:
+        """Sentence why there is no result, or None."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        try:
+            if self._process is None or not self._process.is_alive():
+                self._end_process()
+                self._start_process()
+            return self._ask(task, self._folder / key)
+        except Exception as error:  # noqa: BLE001  whatever it is, the next task is computed
+            _log.exception("on demand")
+            self._end_process()
+            return f"unexpected error ({type(error).__name__}: {error})"
+
+    def _finish(self, key: str, sentence: str | None) -> None:
+        with self._lock:
+            if sentence is not None:
+                if len(self._refusals) >= _MOST_REFUSALS:
+                    self._refusals.clear()
+                self._refusals[key] = sentence
+            _remove_oldest(self._folder, _MOST_BYTES)
+            self._waiting.pop(key).set()
+
+    def _start_process(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, other = context.Pipe()
+        self._process = context.Process(
+            target=compute_tasks, args=(other, str(self._folder)), name="ballscrew on demand", daemon=True
+        )
+        self._process.start()
+        other.close()
+
+    def _ask(self, task: FileTask, target: Path) -> str | None:
+        """Let the process compute a result; the sentence why there is none, or None."""
+        assert self._pipe is not None  # noqa: S101
+        deadline = time.monotonic() + self.service.settings.lease_s
+        try:
+            self._pipe.send((task, str(target)))
+            while not self._pipe.poll(_TICK):
+                if self.service.stopping.is_set():
+                    return "the server stops."
+                if time.monotonic() > deadline:
+                    self._end_process()
+                    return f"it took more than {self.service.settings.lease_s:.0f} s."
+            answer: str | None = self._pipe.recv()
+        except (EOFError, OSError):
+            self._end_process()
+            return "the process that computes it ended."
+        return answer
+
+    def _end_process(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+        if self._pipe is not None:
+            self._pipe.close()
+        self._process, self._pipe = None, None
+
+
+def _remove_oldest(folder: Path, limit: int) -> None:
+    """Remove results, the ones first that were not used for longest; the newest stays whatever its size."""
+    found = []
+    for path in folder.iterdir():
+        size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+        found.append((path.stat().st_mtime, size, path))
+    total = 0
+    for number, (_, size, path) in enumerate(sorted(found, reverse=True)):
+        total += size
+        if number > 0 and total > limit:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def not_yet(sentence: str) -> JSONResponse:
+    """Answer that a result is being computed."""
+    return JSONResponse({"detail": sentence}, 202, {"Retry-After": "1"})
+
+
+def on_demand_of(request: Request) -> OnDemand:
+    """The results of the service of a request."""
+    found: OnDemand = request.app.state.on_demand
+    return found
+
+
+Results = Annotated[OnDemand, Depends(on_demand_of)]

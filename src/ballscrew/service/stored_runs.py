@@ -1,0 +1,166 @@
+"""A run of the store by its id: its result, its neighbours in the history, and its raw files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import or_, select
+from sqlalchemy.orm import Session
+
+from ballscrew.base.errors import shown
+from ballscrew.service.runs import document_texts
+from ballscrew.service.serving import RefusedError
+from ballscrew.store.reading import current_rows, find_method, run_versions
+from ballscrew.store.tables import (
+    Axis,
+    EpochRow,
+    RawFile,
+    RecordingRow,
+    ResultRow,
+    RunRow,
+    Source,
+    StateRow,
+    Upload,
+    unpack,
+)
+
+AMBIGUOUS = 300
+RAW_GONE = "the raw data of this run were not kept"
+_MOST = 10  # runs that begin alike
+
+
+@dataclass(frozen=True, slots=True)
+class StoredRun:
+    """A run that was analysed, or that was sent and has no result.
+
+    Parameters
+    ----------
+    axis : Axis
+        Its axis.
+    row : RunRow or None
+        None without a result.
+    sent : tuple of Upload
+        What was sent, if it was sent.
+    """
+
+    axis: Axis
+    row: RunRow | None
+    sent: tuple[Upload, ...]
+
+    @property
+    def id(self) -> str:
+        """Id of the run, or of its content where it has no result."""
+        return self.sent[0].content if self.row is None else self.row.run
+
+
+@dataclass(frozen=True, slots=True)
+class RawRecording:
+    """A recording of a run.
+
+    Parameters
+    ----------
+    name, sha256 : str
+        Name and hash of the file.
+    compression : str or None
+        As it is stored; None where the store has it no more, or never had it.
+    """
+
+    name: str
+    sha256: str
+    compression: str | None
+
+
+def locate_run(session: Session, text: str) -> StoredRun:
+    """Run whose id, or id of its content, begins with a text.
+
+    Raises
+    ------
+    RefusedError
+        404 if there is none; 300 with ``runs`` if there are several.
+    """
+    matches = [RunRow.run.startswith(text, autoescape=True), Upload.content.startswith(text, autoescape=True)]
+    found = session.scalars(select(RunRow.run).where(matches[0]).order_by(RunRow.id).limit(_MOST)).all()
+    sent = select(Upload.run, Upload.content).where(matches[1]).order_by(Upload.id).limit(_MOST)
+    names = dict.fromkeys(found) | dict.fromkeys(run or content for run, content in session.execute(sent))
+    if text in names:
+        names = {text: None}
+    if not text or not names:
+        raise RefusedError(404, f"there is no run {shown(text)}.")
+    if len(names) > 1:
+        sentence = f"several runs have an id that begins with {shown(text)}."
+        raise RefusedError(AMBIGUOUS, sentence, document={"runs": list(names)})
+    return _stored_run(session, next(iter(names)))
+
+
+def _stored_run(session: Session, name: str) -> StoredRun:
+    row = session.scalar(select(RunRow).where(RunRow.run == name))
+    of_run = or_(Upload.content == name, Upload.run == name)
+    sent = tuple(session.scalars(select(Upload).where(of_run).order_by(Upload.id)))
+    axis = row.axis_id if row is not None else sent[0].axis_id
+    return StoredRun(session.get_one(Axis, axis), row, sent)
+
+
+def result_document(session: Session, axis: Axis, row: RunRow) -> Any:
+    """RUN.json of a run by the method of the history of its axis, or else by any."""
+    method = find_method(session, axis)
+    found = session.scalars(select(ResultRow).where(ResultRow.run_id == row.id).order_by(ResultRow.id)).all()
+    best = [result for result in found if method is not None and result.method_id == method.id]
+    return unpack((best or found)[0].document)
+
+
+def neighbours(session: Session, found: StoredRun) -> dict[str, str | None]:
+    """Ids of the previous and the next run that count, and of the one that is the baseline of its epoch."""
+    names: dict[str, str | None] = {"previous": None, "next": None, "baseline": None}
+    if found.row is None:
+        return names
+    if found.row.time is not None:
+        for row in current_rows(session, found.axis):
+            if row.time is None or row.id == found.row.id:
+                continue
+            if row.time < found.row.time:
+                names["previous"] = row.run
+            elif names["next"] is None and row.time > found.row.time:
+                names["next"] = row.run
+    state = session.get(StateRow, found.row.id)
+    if state is not None:
+        names["baseline"] = session.get_one(EpochRow, (state.axis_id, state.epoch)).reference
+    return names
+
+
+def recordings_of(session: Session, found: StoredRun) -> tuple[RawRecording, ...]:
+    """Recordings of a run in the order in which its result numbers them."""
+    if found.row is None:
+        named = [(file["name"], file["sha256"]) for file in found.sent[0].files or ()]
+    else:
+        rows = select(RecordingRow).where(RecordingRow.run_id == found.row.id).order_by(RecordingRow.place)
+        named = [(row.name, row.sha256) for row in session.scalars(rows)]
+    recordings = []
+    for name, sha256 in named:
+        file = session.get(RawFile, sha256)
+        compression = None
+        if file is not None and file.archived_to is None:
+            compression = file.compression
+        recordings.append(RawRecording(name, sha256, compression))
+    return tuple(recordings)
+
+
+def stated_of(session: Session, found: StoredRun) -> tuple[dict[str, Any], dict[str, str]] | None:
+    """Content of RUN.toml of a run, and the text of each of its documents; None where it is not known."""
+    if found.row is None:
+        stated = found.sent[0].stated
+    else:
+        source = source_of(session, found.row)
+        stated = {} if source is None else source.stated
+    if "documents" not in stated:
+        return None
+    return stated, document_texts(session, stated)
+
+
+def source_of(session: Session, row: RunRow) -> Source | None:
+    """RUN.toml of a run; of a corrected one, that of the run as it was."""
+    versions: Sequence[int] = [row.id]
+    if row.supersedes is not None:
+        versions = run_versions(session, row)
+    return session.scalars(select(Source).where(Source.run_id.in_(versions)).order_by(Source.digest)).first()

@@ -1,0 +1,90 @@
+"""Results on demand: the process, its end, and the size of what is cached."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from ballscrew.base.errors import InputError
+from ballscrew.service import on_demand
+from ballscrew.service.on_demand import OnDemand, compute
+from ballscrew.service.serving import RefusedError, Service
+
+
+@dataclass(frozen=True)
+class MadeTask:
+    """Write a file, or end in another way."""
+
+    way: str = "write"
+
+    def write(self, folder: Path) -> None:
+        (folder / "part").write_bytes(b"x" * 1000)
+        if self.way == "refuse":
+            raise InputError("it is no file.")
+        if self.way == "fail":
+            raise ValueError("unknown")
+        if self.way == "crash":
+            os._exit(3)
+
+
+@pytest.fixture
+def results(service: Service) -> OnDemand:
+    (service.scratch / "on-demand").mkdir(parents=True)
+    return OnDemand(service)
+
+
+def find(results: OnDemand, key: str, task: MadeTask) -> Path | None:
+    """Result of a task, waited for."""
+    found = None
+    for _ in range(60):
+        found = found or results.find(key, task)
+    return found
+
+
+def test_a_process_computes_and_its_crash_is_a_sentence(results: OnDemand, service: Service) -> None:
+    path = find(results, "a", MadeTask())
+    assert path is not None
+    assert (path / "part").stat().st_size == 1000
+    process = results._process
+    with pytest.raises(InputError, match="the process that computes it ended"):
+        find(results, "b", MadeTask("crash"))
+    assert not process.is_alive()
+    service.stopping.set()
+
+
+@pytest.mark.parametrize(("way", "sentence"), [("refuse", "it is no file."), ("fail", "unexpected error")])
+def test_what_cannot_be_computed_leaves_a_sentence_and_no_file(
+    tmp_path: Path, way: str, sentence: str
+) -> None:
+    assert sentence in str(compute(MadeTask(way), tmp_path / "a"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_oldest_results_are_removed(tmp_path: Path) -> None:
+    for number, name in enumerate("abc"):
+        assert compute(MadeTask(), tmp_path / name) is None
+        os.utime(tmp_path / name, (number, number))
+    on_demand._remove_oldest(tmp_path, 2500)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["b", "c"]
+    on_demand._remove_oldest(tmp_path, 1)
+    assert [path.name for path in tmp_path.iterdir()] == ["c"]
+
+
+def test_too_many_results_are_refused(results: OnDemand, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(on_demand, "_PATIENCE", 0.0)
+    monkeypatch.setattr(OnDemand, "_run", lambda self: None)  # noqa: ARG005
+    for number in range(on_demand._MOST_WAITING):
+        assert results.find(str(number), MadeTask()) is None
+    with pytest.raises(RefusedError, match="too many"):
+        results.find("more", MadeTask())
+
+
+def test_nothing_is_computed_when_the_disk_is_full(
+    results: OnDemand, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Service, "free_bytes", lambda self: -1)  # noqa: ARG005
+    with pytest.raises(RefusedError, match="disk is full"):
+        results.find("a", MadeTask())

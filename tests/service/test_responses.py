@@ -1,0 +1,94 @@
+"""FRF of a cell from raw files."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from fastapi.testclient import TestClient
+from tests.service import raw_runs
+from tests.service.conftest import send_result
+from tests.store.stored import RUNS
+
+from ballscrew.base.errors import InputError
+from ballscrew.modal.run import Run
+from ballscrew.service.serving import Service
+
+FREQUENCY = np.linspace(10.0, 300.0, 291)
+
+
+def table(run: Run, coherence: float) -> xr.Dataset:
+    """FRF of the cells of a run, whose magnitude is the number of the cell."""
+    cells, shape = len(run.cells), (len(run.cells), 1, len(FREQUENCY))
+    numbers = np.broadcast_to(np.arange(cells)[:, None, None], shape)
+    per = "cell"
+    return xr.Dataset(
+        {
+            "H1": ((per, "response", "frequency"), numbers * 1j),
+            "coherence": ((per, "response", "frequency"), np.full(shape, coherence)),
+        },
+        {
+            "frequency": FREQUENCY,
+            "response": ["acceleration:<b>:x"],
+            "position_m": (per, [cell.position_m for cell in run.cells]),
+            "condition": (per, [cell.condition for cell in run.cells]),
+            "motion": (per, [cell.motion for cell in run.cells]),
+        },
+        {"input_unit": "N m"},
+    )
+
+
+@pytest.fixture
+def run(client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Id of a run with raw files, whose analysis takes no time."""
+
+    def analyse(*given: Any, method: str) -> tuple[Run, list[str]]:  # noqa: ARG001
+        from dataclasses import replace
+
+        return replace(RUNS[0], frequency_response=table(RUNS[0], 0.8)), []
+
+    raw_runs.compute_here(monkeypatch)
+    monkeypatch.setattr("ballscrew.store.analysing.analyse_files", analyse)
+    service.scratch.mkdir()
+    found = raw_runs.send_raw(client)
+    raw_runs.analyse(service, found)
+    return found
+
+
+def test_the_frf_of_a_cell_has_its_interval_and_coherence(client: TestClient, run: str) -> None:
+    found = client.get(f"/api/v1/runs/{run}/response?cell=3").json()
+    cell = RUNS[0].cells[3]
+    assert (found["position_m"], found["condition"]) == (cell.position_m, cell.condition)
+    assert found["natural_frequency_Hz"] == pytest.approx(cell.frequency_Hz, rel=1e-5)
+    assert found["frequency_Hz"] == FREQUENCY.tolist()
+    assert set(found["magnitude"]) == {3.0}
+    assert set(found["phase_deg"][0]) == {90.0}
+    spread = np.sqrt(0.2 / (2 * cell.repetitions * 0.8))
+    assert found["relative_half_width"][0] == pytest.approx(1.96 * spread, rel=1e-4)
+    assert found["responses"] == ["<b>:x"]
+
+
+def test_a_cell_that_is_not_there_is_404(client: TestClient, run: str) -> None:
+    answer = client.get(f"/api/v1/runs/{run}/response?cell=999")
+    assert (answer.status_code, "none of the number 999" in answer.json()["detail"]) == (404, True)
+    assert client.get("/api/v1/runs/none/response").status_code == 404
+
+
+@pytest.mark.usefixtures("run")
+def test_a_run_without_raw_files_has_no_frf(client: TestClient) -> None:
+    send_result(client, 3)
+    answer = client.get(f"/api/v1/runs/{RUNS[3].id}/response")
+    assert (answer.status_code, "not kept" in answer.json()["detail"]) == (404, True)
+
+
+def test_an_analysis_that_is_refused_is_a_sentence(
+    client: TestClient, run: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any, **__: Any) -> None:
+        raise InputError("trip.npz: has no channel.")
+
+    monkeypatch.setattr("ballscrew.store.analysing.analyse_files", refuse)
+    answer = client.get(f"/api/v1/runs/{run}/response")
+    assert (answer.status_code, answer.json()["detail"]) == (422, "trip.npz: has no channel.")
