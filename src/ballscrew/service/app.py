@@ -19,11 +19,12 @@ from ballscrew._version import __version__
 from ballscrew.base.errors import BallscrewError
 from ballscrew.monitoring.epochs import moment
 from ballscrew.report.canvas import STATE_COLOURS, STATE_SIGNS
-from ballscrew.service import alarms, axes, reading, runs, tokens, uploads
+from ballscrew.service import alarms, axes, calibrating, reading, runs, tokens, uploads
 from ballscrew.service.access import AdminCaller, Guard, RunningService
 from ballscrew.service.alarms import standing_alarms
+from ballscrew.service.calibrating import Calibrator
 from ballscrew.service.jobs import job_documents
-from ballscrew.service.pages import fleet, rendering
+from ballscrew.service.pages import actions, alarm_list, calibration_page, fleet, help, rendering, setup
 from ballscrew.service.reading import fleet_document
 from ballscrew.service.serving import Service, answer_errors
 from ballscrew.service.working import Worker
@@ -71,13 +72,18 @@ def create_app(service: Service, workers: Sequence[Worker] = ()) -> FastAPI:
     app.state.service = service
     app.state.workers = workers
     app.state.receiving = set()
-    for resource in (uploads, runs, axes, reading, alarms, tokens):
+    app.state.calibrator = Calibrator(service)
+    for resource in (uploads, runs, axes, calibrating, reading, alarms, tokens):
         app.include_router(resource.router)
     app.include_router(router)
     if service.settings.on_loopback:
         for page in (pages, fleet.router, rendering.router):
             app.include_router(page)
+        for module in (alarm_list, actions, setup, calibration_page, help):
+            app.include_router(module.router)
     answer_errors(app)
+    if service.settings.on_loopback:
+        help.answer_browsers(app)
     app.add_middleware(Guard, service=service)
     return app
 

@@ -122,6 +122,16 @@ def format_number(value: float | None, decimals: int, language: str) -> str:
     return format_decimal(value, pattern, locale=language)
 
 
+def significant(value: float, digits: int, language: str) -> str:
+    """Number with significant digits."""
+    return format_decimal(value, "@" * digits, locale=language)
+
+
+def address_of(axis: str, page: str = "") -> str:
+    """Address of an axis, or of one of its pages."""
+    return f"/axes/{quote(axis, safe='')}" + (f"/{page}" if page else "")
+
+
 def format_percent(interval: list[float] | None, language: str) -> str:
     """Value and ends of its interval in percent, ``88 (83 to 94) %``."""
     if interval is None:

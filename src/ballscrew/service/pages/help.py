@@ -1,0 +1,63 @@
+"""Help on each page, and pages for a browser in place of refusals."""
+
+from __future__ import annotations
+
+from typing import cast
+
+from fastapi import APIRouter, FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import HTMLResponse, Response
+from starlette.exceptions import HTTPException
+
+from ballscrew.base.errors import BallscrewError, printable, shown
+from ballscrew.service.access import AdminCaller
+from ballscrew.service.pages.rendering import render
+from ballscrew.service.serving import UNPROCESSABLE, RefusedError, answer_refusal
+
+router = APIRouter(include_in_schema=False)
+
+TOPICS = ("start", "fleet", "axis", "run", "alarms", "actions", "compare", "signals")
+"""Topics of the help, each with a template."""
+
+
+@router.get("/help")
+def show_topics(request: Request, caller: AdminCaller) -> HTMLResponse:  # noqa: ARG001
+    """The first steps."""
+    return show_help(request, TOPICS[0], caller)
+
+
+@router.get("/help/{topic}")
+def show_help(request: Request, topic: str, caller: AdminCaller) -> HTMLResponse:  # noqa: ARG001
+    """Help on a topic."""
+    if topic not in TOPICS:
+        raise RefusedError(404, f"there is no help on {shown(topic)}.")
+    return render(request, f"help_{topic}.html", topic=topic, topics=TOPICS)
+
+
+def answer_browsers(app: FastAPI) -> None:
+    """Answer refusals of page routes with a page where a browser asks; the API answers as before."""
+    for kind in (BallscrewError, HTTPException, RequestValidationError):
+        before = app.exception_handlers[kind]
+
+        def answer(request: Request, error: Exception, before: object = before) -> Response:
+            if is_of_browser(request):
+                return _refusal_page(request, error)
+            return before(request, error)  # type: ignore[operator,no-any-return]  a handler of Starlette
+
+        app.add_exception_handler(kind, answer)
+
+
+def is_of_browser(request: Request) -> bool:
+    """Whether a page is asked for: not the API, and by a client that reads HTML."""
+    return not request.url.path.startswith("/api/") and "text/html" in request.headers.get("accept", "")
+
+
+def _refusal_page(request: Request, error: Exception) -> HTMLResponse:
+    if isinstance(error, HTTPException):
+        status, sentence = error.status_code, ""
+    elif isinstance(error, RequestValidationError):
+        status, sentence = UNPROCESSABLE, printable(f"{error.errors()[0]['msg']}.")
+    else:
+        found = answer_refusal(cast("BallscrewError", error))
+        status, sentence = found.status_code, str(error)
+    return render(request, "refusal.html", status, sentence=sentence, status_code=status)
