@@ -24,7 +24,15 @@ from ballscrew.service.access import AdminCaller, Guard, RunningService
 from ballscrew.service.alarms import standing_alarms
 from ballscrew.service.calibrating import Calibrator
 from ballscrew.service.jobs import job_documents
-from ballscrew.service.pages import actions, alarm_list, calibration_page, fleet, help, rendering, setup
+from ballscrew.service.pages import (
+    actions,
+    alarm_list,
+    calibration_page,
+    fleet,
+    help_topics,
+    rendering,
+    setup,
+)
 from ballscrew.service.reading import fleet_document
 from ballscrew.service.serving import Service, answer_errors
 from ballscrew.service.working import Worker
@@ -79,11 +87,11 @@ def create_app(service: Service, workers: Sequence[Worker] = ()) -> FastAPI:
     if service.settings.on_loopback:
         for page in (pages, fleet.router, rendering.router):
             app.include_router(page)
-        for module in (alarm_list, actions, setup, calibration_page, help):
+        for module in (alarm_list, actions, setup, calibration_page, help_topics):
             app.include_router(module.router)
     answer_errors(app)
     if service.settings.on_loopback:
-        help.answer_browsers(app)
+        help_topics.answer_browsers(app)
     app.add_middleware(Guard, service=service)
     return app
 

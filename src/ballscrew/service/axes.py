@@ -31,7 +31,7 @@ from ballscrew.store.histories import read_stored_history
 from ballscrew.store.opened import record
 from ballscrew.store.raw_files import text_files
 from ballscrew.store.reading import find_axis
-from ballscrew.store.tables import EventRow, Model, RunRow, Setup
+from ballscrew.store.tables import EventRow, RunRow, Setup
 
 router = APIRouter(prefix="/api/v1/axes/{axis}")
 
@@ -110,9 +110,9 @@ def set_up_axis(axis: str, setup: AxisSetup, caller: AdminCaller, service: Runni
 
 @router.put("/model")
 def add_axis_model(
-    axis: str, document: dict[str, Any], caller: AdminCaller, service: RunningService
+    axis: str, document: dict[str, Any], caller: AdminCaller, service: RunningService, *, use: bool = False
 ) -> dict[str, Any]:
-    """Add the model of an axis, MODEL.json; it replaces the one before, which stays in the store."""
+    """Add the model of an axis, MODEL.json; with ``use``, it is used in place of the one before."""
     with service.store.read() as session:
         find_sent_axis(session, axis, caller)
     if document.get("kind") != KIND:
@@ -121,13 +121,8 @@ def add_axis_model(
     if model.axis != axis:
         raise InputError(f"the model is that of the axis {shown(model.axis)}, not of {shown(axis)}.")
     added = add_model(service.store, model)
-    with service.store.read() as session:
-        row = find_axis(session, axis)
-        others = session.scalar(
-            select(Model.digest).where(Model.axis_id == row.id, Model.digest != added.subject).limit(1)
-        )
-    if others is not None:
-        choose_model(service.store, axis, added.subject, reason="the model that was sent last")
+    if use:
+        choose_model(service.store, axis, added.subject, reason="chosen when it was added")
     _assess_soon(service, axis, caller.name)
     return {"schema": SCHEMA, "axis": axis, "new": added.is_new, "digest": added.subject}
 

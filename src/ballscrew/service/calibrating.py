@@ -40,7 +40,7 @@ class CalibrationRequest(BaseModel):
     """Runs to calibrate an axis by."""
 
     model_config = ConfigDict(extra="forbid")
-    runs: list[str] = Field(min_length=1, max_length=MOST_RUNS, description="Ids; the first is the reference.")
+    runs: list[str] = Field(min_length=1, max_length=MOST_RUNS, description="Ids; the first is the reference")
     known_preloads: dict[str, str] = Field(
         default_factory=dict, description='Known preload of a run by its id: "600 N", "600 N ± 10 N".'
     )
@@ -122,6 +122,7 @@ def known_quantities(texts: Mapping[str, str]) -> dict[str, Quantity]:
 
 def work(pipe: Connection, task: CalibrationTask) -> None:
     """Main function of the process: send the status, and MODEL.json or a sentence."""
+    answer: tuple[str, Any]
     try:
         answer = DONE, calibrate_stored(task)
     except BallscrewError as error:

@@ -63,7 +63,7 @@ def post_calibration(
             found = calibrator.document(axis)
             if found is None or found["model"] is None:
                 raise InputError("there is no calibration to use; calibrate the axis first.")
-            add_axis_model(axis, found["model"], caller, service)
+            add_axis_model(axis, found["model"], caller, service, use=True)
             return go_to(address_of(axis, "calibration"), "use")
         runs = form.getlist("run")
         known = {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, TypeVar
 from urllib.parse import parse_qsl
 
@@ -51,7 +51,7 @@ class Outcome:
 
     section: str = ""
     message: str = ""
-    values: Mapping[str, Any] = ImmutableMultiDict()
+    values: Mapping[str, Any] = field(default_factory=dict)
     status: int = 200
     result: Any = None
 
@@ -107,11 +107,10 @@ def entered(model: type[Body], labels: Mapping[str, str], **values: Any) -> Body
         return model(**values)
     except ValidationError as error:
         first = error.errors()[0]
-        field = str(first["loc"][-1])
-        template = _SENTENCES.get(first["type"], "{field}: " + first["msg"].replace("{", "{{") + ".")
-        raise InputError(
-            template.format(field=labels.get(field, field), **first.get("ctx", {}))
-        ) from None
+        name = str(first["loc"][-1])
+        template = _SENTENCES.get(first["type"], "{field} is not valid.")
+        sentence = template.format(field=labels.get(name, name), **first.get("ctx", {}))
+        raise InputError(sentence) from None
 
 
 def refusal(section: str, error: BallscrewError, values: Mapping[str, Any]) -> Outcome:

@@ -133,14 +133,20 @@ def _save(axis: str, form: Mapping[str, Any], caller: Caller, service: Service) 
         machine=form.get("machine", "").strip(),
         site=form.get("site", "").strip(),
         sheet=form.get("sheet", ""),
-        plan=form.get("plan", "").strip() and form["plan"] or None,
-        channels=form.get("channels", "").strip() and form["channels"] or None,
+        plan=_text(form, "plan"),
+        channels=_text(form, "channels"),
         schedule=schedule,
     )
     if not setup.sheet.strip():
         raise InputError("The data sheet must not be empty.")
     set_up_axis(axis, setup, caller, service)
     return go_to(address_of(axis, "setup"), "setup")
+
+
+def _text(form: Mapping[str, Any], name: str) -> str | None:
+    """Text of a document; None if it is empty."""
+    text = str(form.get(name, ""))
+    return text if text.strip() else None
 
 
 def _seconds(label: str, days: str) -> float:

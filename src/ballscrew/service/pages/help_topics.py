@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import cast
+from collections.abc import Callable
+from typing import Any, cast
 
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -21,7 +22,7 @@ TOPICS = ("start", "fleet", "axis", "run", "alarms", "actions", "compare", "sign
 
 
 @router.get("/help")
-def show_topics(request: Request, caller: AdminCaller) -> HTMLResponse:  # noqa: ARG001
+def show_topics(request: Request, caller: AdminCaller) -> HTMLResponse:
     """The first steps."""
     return show_help(request, TOPICS[0], caller)
 
@@ -37,14 +38,19 @@ def show_help(request: Request, topic: str, caller: AdminCaller) -> HTMLResponse
 def answer_browsers(app: FastAPI) -> None:
     """Answer refusals of page routes with a page where a browser asks; the API answers as before."""
     for kind in (BallscrewError, HTTPException, RequestValidationError):
-        before = app.exception_handlers[kind]
+        app.add_exception_handler(kind, _answering(app.exception_handlers[kind]))
 
-        def answer(request: Request, error: Exception, before: object = before) -> Response:
-            if is_of_browser(request):
-                return _refusal_page(request, error)
-            return before(request, error)  # type: ignore[operator,no-any-return]  a handler of Starlette
 
-        app.add_exception_handler(kind, answer)
+def _answering(before: Any) -> Callable[[Request, Exception], Response]:
+    """Handler of an error: a page for a browser, else the answer of the handler before."""
+
+    def answer(request: Request, error: Exception) -> Response:
+        if is_of_browser(request):
+            return _refusal_page(request, error)
+        found: Response = before(request, error)
+        return found
+
+    return answer
 
 
 def is_of_browser(request: Request) -> bool:
