@@ -140,7 +140,10 @@ def _save(axis: str, form: Mapping[str, Any], caller: Caller, service: Service) 
     if not setup.sheet.strip():
         raise InputError("The data sheet must not be empty.")
     set_up_axis(axis, setup, caller, service)
-    return go_to(address_of(axis, "setup"), "setup")
+    stored = _stored(service, axis)
+    entered_texts = [setup.sheet, setup.plan or "", setup.channels or ""]
+    is_same = entered_texts == [stored[name] for name in ("sheet", "plan", "channels")]
+    return go_to(address_of(axis, "setup"), "setup" if is_same else "comments")
 
 
 def _text(form: Mapping[str, Any], name: str) -> str | None:
