@@ -31,6 +31,7 @@ def get(client: TestClient, path: str) -> str:
     answer = client.get(path, headers={"Accept": "text/html"})
     assert answer.status_code == 200, answer.text
     assert "script-src 'self'" in answer.headers["Content-Security-Policy"]
+    assert answer.headers["Referrer-Policy"] == "same-origin"  # else the origin of a form is null
     assert " style=" not in answer.text
     assert "hx-on" not in answer.text
     return answer.text

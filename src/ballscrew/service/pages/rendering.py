@@ -31,6 +31,7 @@ _HEADERS = {
     "data:; connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'",
     "Cache-Control": "no-store",
     "Vary": "Accept-Language, Cookie",
+    "Referrer-Policy": "same-origin",  # without a referrer, a browser sends a form from the origin "null"
 }
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".txt": "text/plain", ".svg": "image/svg+xml"}
 _UNKNOWN_SIGN = "○"

@@ -30,7 +30,7 @@
   const pad = (value) => String(value).padStart(2, "0");
 
   function offsetOf(text) {
-    const minutes = -new Date(text).getTimezoneOffset();
+    const minutes = Math.round(-new Date(text).getTimezoneOffset());
     return `${minutes < 0 ? "-" : "+"}${pad(Math.floor(Math.abs(minutes) / 60))}:${pad(Math.abs(minutes) % 60)}`;
   }
 
@@ -192,6 +192,7 @@
       try {
         await this.sendRun();
       } catch (error) {
+        this.result.replaceChildren();
         this.problem.textContent = error.message;
         this.problem.hidden = false;
       }
