@@ -33,6 +33,16 @@ ROUTES = {
     ("POST", "/api/v1/axes/{axis}/events"): ("/api/v1/axes/bench/events", ADMIN),
     ("POST", "/api/v1/axes/{axis}/runs/{run}/exclusion"): ("/api/v1/axes/bench/runs/r/exclusion", ADMIN),
     ("DELETE", "/api/v1/axes/{axis}/runs/{run}/exclusion"): ("/api/v1/axes/bench/runs/r/exclusion", ADMIN),
+    ("POST", "/api/v1/axes/{axis}/events/{event}/exclusion"): (
+        "/api/v1/axes/bench/events/e/exclusion",
+        ADMIN,
+    ),
+    ("DELETE", "/api/v1/axes/{axis}/events/{event}/exclusion"): (
+        "/api/v1/axes/bench/events/e/exclusion",
+        ADMIN,
+    ),
+    ("POST", "/api/v1/axes/{axis}/calibration"): ("/api/v1/axes/bench/calibration", ADMIN),
+    ("GET", "/api/v1/axes/{axis}/calibration"): ("/api/v1/axes/bench/calibration", ADMIN),
     ("GET", "/api/v1/axes"): ("/api/v1/axes", ADMIN),
     ("GET", "/api/v1/axes/{axis}"): ("/api/v1/axes/bench", ADMIN),
     ("GET", "/api/v1/axes/{axis}/state"): ("/api/v1/axes/bench/state", ADMIN),

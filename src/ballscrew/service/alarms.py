@@ -21,7 +21,8 @@ from ballscrew.store.folder import now
 from ballscrew.store.opened import record
 from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, Message, RunRow, Setup, Trouble, Upload
 
-_ENDED = ("ended", "retracted", "closed")
+ENDED = ("ended", "retracted", "closed")
+"""States of an alarm that stands no longer."""
 
 router = APIRouter(prefix="/api/v1/alarms")
 
@@ -105,7 +106,7 @@ def alarm_documents(session: Session) -> list[dict[str, Any]]:
 
 def standing_alarms(session: Session) -> list[dict[str, Any]]:
     """Alarms and troubles that have not ended and were not closed, the newest first."""
-    return [each for each in alarm_documents(session) if each["state"] not in _ENDED]
+    return [each for each in alarm_documents(session) if each["state"] not in ENDED]
 
 
 def _state_document(

@@ -9,6 +9,7 @@ from typing import Any
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy import select
+from sqlalchemy.orm import InstrumentedAttribute
 
 from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError, shown
@@ -24,13 +25,13 @@ from ballscrew.service.jobs import request_assessment
 from ballscrew.service.reading import missing_of
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.store.adding import add_events, add_model, add_sheet, insert_document
-from ballscrew.store.changing import exclude
+from ballscrew.store.changing import choose_model, exclude
 from ballscrew.store.folder import now
 from ballscrew.store.histories import read_stored_history
 from ballscrew.store.opened import record
 from ballscrew.store.raw_files import text_files
 from ballscrew.store.reading import find_axis
-from ballscrew.store.tables import RunRow, Setup
+from ballscrew.store.tables import EventRow, RunRow, Setup
 
 router = APIRouter(prefix="/api/v1/axes/{axis}")
 
@@ -109,9 +110,9 @@ def set_up_axis(axis: str, setup: AxisSetup, caller: AdminCaller, service: Runni
 
 @router.put("/model")
 def add_axis_model(
-    axis: str, document: dict[str, Any], caller: AdminCaller, service: RunningService
+    axis: str, document: dict[str, Any], caller: AdminCaller, service: RunningService, *, use: bool = False
 ) -> dict[str, Any]:
-    """Add the model of an axis, MODEL.json."""
+    """Add the model of an axis, MODEL.json; with ``use``, it is used in place of the one before."""
     with service.store.read() as session:
         find_sent_axis(session, axis, caller)
     if document.get("kind") != KIND:
@@ -120,6 +121,8 @@ def add_axis_model(
     if model.axis != axis:
         raise InputError(f"the model is that of the axis {shown(model.axis)}, not of {shown(axis)}.")
     added = add_model(service.store, model)
+    if use:
+        choose_model(service.store, axis, added.subject, reason="chosen when it was added")
     _assess_soon(service, axis, caller.name)
     return {"schema": SCHEMA, "axis": axis, "new": added.is_new, "digest": added.subject}
 
@@ -144,25 +147,47 @@ def exclude_run(
     axis: str, run: str, body: NewExclusion, caller: AdminCaller, service: RunningService
 ) -> dict[str, Any]:
     """Exclude a run from the history of an axis, with a reason; it stays in the store."""
-    return _exclude(service, axis, run, caller, body.reason)
+    return _exclude(service, axis, RunRow.run, run, caller, body.reason)
 
 
 @router.delete("/runs/{run}/exclusion")
 def include_run(axis: str, run: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
     """Include a run that was excluded again."""
-    return _exclude(service, axis, run, caller, None)
+    return _exclude(service, axis, RunRow.run, run, caller, None)
 
 
-def _exclude(service: Service, axis: str, run: str, caller: Caller, reason: str | None) -> dict[str, Any]:
-    """Exclude a run, or include it where there is no reason, and assess its axis."""
+@router.post("/events/{event}/exclusion")
+def exclude_event(
+    axis: str, event: str, body: NewExclusion, caller: AdminCaller, service: RunningService
+) -> dict[str, Any]:
+    """Exclude an event, by its digest, from the history of an axis, with a reason; it stays in the store."""
+    return _exclude(service, axis, EventRow.digest, event, caller, body.reason)
+
+
+@router.delete("/events/{event}/exclusion")
+def include_event(axis: str, event: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
+    """Include an event that was excluded again."""
+    return _exclude(service, axis, EventRow.digest, event, caller, None)
+
+
+def _exclude(
+    service: Service,
+    axis: str,
+    column: InstrumentedAttribute[str],
+    subject: str,
+    caller: Caller,
+    reason: str | None,
+) -> dict[str, Any]:
+    """Exclude a run or an event, or include it where there is no reason, and assess its axis."""
     with service.store.read() as session:
         row = find_sent_axis(session, axis, caller)
-        found = session.scalar(select(RunRow.id).where(RunRow.axis_id == row.id, RunRow.run == run))
+        found = session.scalar(select(column).where(column.class_.axis_id == row.id, column == subject))
     if found is None:
-        raise RefusedError(404, f"there is no run {shown(run)} of the axis {shown(axis)}.")
-    exclude(service.store, run, reason=reason or "", undo=reason is None)
+        what = "run" if column is RunRow.run else "event"
+        raise RefusedError(404, f"there is no {what} {shown(subject)} of the axis {shown(axis)}.")
+    exclude(service.store, subject, reason=reason or "", undo=reason is None)
     _assess_soon(service, axis, caller.name)
-    return {"schema": SCHEMA, "axis": axis, "id": run, "excluded": reason is not None}
+    return {"schema": SCHEMA, "axis": axis, "id": subject, "excluded": reason is not None}
 
 
 def _preview(service: Service, axis: str, events: tuple[Event, ...]) -> dict[str, Any]:
@@ -170,14 +195,15 @@ def _preview(service: Service, axis: str, events: tuple[Event, ...]) -> dict[str
     with service.store.read() as session:
         history = read_stored_history(session, axis)
     found = {}
-    for name, more in (("before", ()), ("after", events)):
-        state = monitor(history.runs, history.model, events=(*history.events, *more)).state
-        found[name] = {
-            "state": state.state,
-            "urgency": state.urgency,
-            "alarm_at": state.alarm_at,
-            "epochs": [[epoch.begins, epoch.cause] for epoch in state.epochs],
-        }
+    with service.computing("a preview"):
+        for name, more in (("before", ()), ("after", events)):
+            state = monitor(history.runs, history.model, events=(*history.events, *more)).state
+            found[name] = {
+                "state": state.state,
+                "urgency": state.urgency,
+                "alarm_at": state.alarm_at,
+                "epochs": [[epoch.begins, epoch.cause] for epoch in state.epochs],
+            }
     return found
 
 

@@ -123,6 +123,18 @@ class Service:
     stopping: threading.Event = field(default_factory=threading.Event)
     work: threading.Condition = field(default_factory=threading.Condition)
     refusals: Counter[int] = field(default_factory=Counter)
+    turn: threading.Lock = field(default_factory=threading.Lock)
+
+    @contextmanager
+    def computing(self, what: str) -> Iterator[None]:
+        """Compute something in the thread of a request; 503 while another request does."""
+        if not self.turn.acquire(blocking=False):
+            message = f"{what} cannot be computed while another request computes; try again."
+            raise RefusedError(UNAVAILABLE, message, {"Retry-After": "10"})
+        try:
+            yield
+        finally:
+            self.turn.release()
 
     @property
     def partial(self) -> Path:

@@ -31,6 +31,7 @@ _HEADERS = {
     "data:; connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'",
     "Cache-Control": "no-store",
     "Vary": "Accept-Language, Cookie",
+    "Referrer-Policy": "same-origin",  # without a referrer, a browser sends a form from the origin "null"
 }
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".txt": "text/plain", ".svg": "image/svg+xml"}
 _UNKNOWN_SIGN = "○"
@@ -120,6 +121,16 @@ def format_number(value: float | None, decimals: int, language: str) -> str:
         return "–"
     pattern = "#,##0" + ("." + "0" * decimals if decimals else "")
     return format_decimal(value, pattern, locale=language)
+
+
+def significant(value: float, digits: int, language: str) -> str:
+    """Number with significant digits."""
+    return format_decimal(value, "@" * digits, locale=language)
+
+
+def address_of(axis: str, page: str = "") -> str:
+    """Address of an axis, or of one of its pages."""
+    return f"/axes/{quote(axis, safe='')}" + (f"/{page}" if page else "")
 
 
 def format_percent(interval: list[float] | None, language: str) -> str:

@@ -1,0 +1,88 @@
+"""Page of the alarms: those that stand first, what was done about them, and those that ended."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import HTMLResponse, Response
+
+from ballscrew.base.errors import BallscrewError
+from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.alarms import ENDED, Action, act, alarm_documents
+from ballscrew.service.pages.forms import Outcome, PostedForm, entered, go_to, refusal
+from ballscrew.service.pages.rendering import render
+from ballscrew.service.serving import RefusedError, Service
+
+router = APIRouter(include_in_schema=False)
+
+_MOST = 200  # that have ended on the page
+_LABELS = {"action": "The action", "until": "The end of the shelving", "text": "The text"}
+
+
+@router.get("/alarms")
+def show_alarms(
+    request: Request,
+    caller: AdminCaller,  # noqa: ARG001
+    service: RunningService,
+) -> HTMLResponse:
+    """Alarms and troubles; ``?show=`` and ``?axis=`` select among them."""
+    return _page(request, service, Outcome())
+
+
+@router.post("/alarms/{alarm}")
+def post_action(
+    request: Request, alarm: str, form: PostedForm, caller: AdminCaller, service: RunningService
+) -> Response:
+    """Acknowledge, shelve, close or reopen an alarm."""
+    try:
+        action = entered(
+            Action,
+            _LABELS,
+            action=form.get("action", ""),
+            until=form.get("until") or None,
+            text=form.get("text", ""),
+        )
+        act(alarm, action, caller, service)
+    except RefusedError:
+        raise
+    except BallscrewError as error:
+        return _page(request, service, refusal(alarm, error, form))
+    return go_to("/alarms", action.action)
+
+
+def _page(request: Request, service: Service, outcome: Outcome) -> HTMLResponse:
+    axis = request.query_params.get("axis", "")
+    with service.store.read() as session:
+        documents = alarm_documents(session)
+    if axis:
+        documents = [each for each in documents if each["axis"] == axis]
+    chosen = request.query_params.get("show", "")
+    if chosen not in ENDED:
+        chosen = ""
+    standing: list[dict[str, Any]] = []
+    ended: list[dict[str, Any]] = []
+    for document in documents:
+        if document["state"] not in ENDED:
+            standing.append(document)
+        elif chosen in ("", document["state"]):
+            ended.append(document)
+    standing.sort(key=_by_urgency)
+    return render(
+        request,
+        "alarm_list.html",
+        outcome.status,
+        standing=standing,
+        ended=ended[:_MOST],
+        number=len(ended),
+        chosen=chosen,
+        axis=axis,
+        states=ENDED,
+        outcome=outcome,
+        done=request.query_params.get("done", ""),
+    )
+
+
+def _by_urgency(document: dict[str, Any]) -> tuple[bool, bool]:
+    """Alarms before troubles, and what nobody has acknowledged or shelved before the others."""
+    return document["kind"] != "axis", document["state"] != "raised"

@@ -1,0 +1,21 @@
+"""Stand-ins for the process of a calibration."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+
+def give_model(pipe: Any, task: Any) -> None:
+    pipe.send(("done", json.loads((Path(task.store) / "model.json").read_text(encoding="utf-8"))))
+
+
+def wait(pipe: Any, task: Any) -> None:  # noqa: ARG001
+    time.sleep(600)
+
+
+def die(pipe: Any, task: Any) -> None:  # noqa: ARG001
+    os._exit(3)

@@ -1,0 +1,130 @@
+"""Calibration by stored runs: the API, and the page that calls it."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from tests.service import quick_calibration
+from tests.service.conftest import SETUP, NewService, client_of, send_result
+from tests.service.pages.forms import HOSTILE, fill_axis, get, post, problem
+from tests.simulated_bench import AXIS
+from tests.store.stored import MODEL, RUNS
+
+from ballscrew.axis.sheet_file import read_axis
+from ballscrew.base.errors import InputError
+from ballscrew.base.jsonfile import write_json
+from ballscrew.calibration.calibration import calibrate
+from ballscrew.calibration.modelfile import model_json
+from ballscrew.service.calibrating import CalibrationTask, Calibrator, calibrate_stored
+from ballscrew.service.serving import Service
+from ballscrew.store.raw_files import text_files
+
+ADDRESS = "/api/v1/axes/bench/calibration"
+PAGE = "/axes/bench/calibration"
+
+
+def set_target(client: TestClient, target: Any) -> Calibrator:
+    """Replace the process of the calibration."""
+    found: Calibrator = client.app.state.calibrator  # type: ignore[attr-defined]
+    found.target = target
+    return found
+
+
+def ended(client: TestClient) -> dict[str, Any]:
+    """The calibration, after it has ended."""
+    for _ in range(600):
+        found: dict[str, Any] = client.get(ADDRESS).json()["calibration"]
+        if found["status"] != "running":
+            return found
+        time.sleep(0.1)
+    pytest.fail("the calibration does not end")
+
+
+def test_a_stored_calibration_is_that_of_the_same_runs(client: TestClient, service: Service) -> None:
+    for number in range(3):
+        send_result(client, number)
+    runs = [run.id for run in RUNS[:3]]
+    found = calibrate_stored(CalibrationTask(str(service.store.path), "bench", tuple(runs), {}))
+    with text_files({"axis": AXIS}) as paths:
+        sheet = read_axis(paths["axis"])
+    expected = model_json(calibrate(list(RUNS[:3]), sheet))
+    assert found["parameters"] == expected["parameters"]
+    assert found["covariance"] == expected["covariance"]
+    for unknown in (("x",), (*runs, "y")):
+        with pytest.raises(InputError, match="no result of a run"):
+            calibrate_stored(CalibrationTask(str(service.store.path), "bench", unknown, {}))
+
+
+def test_the_page_calibrates_shows_the_report_and_uses_the_model(
+    client: TestClient, service: Service
+) -> None:
+    runs = fill_axis(client, service, 4)
+    (service.store.path / "model.json").write_text(write_json(model_json(MODEL)), encoding="utf-8")
+    set_target(client, quick_calibration.give_model)
+    assert "None since the server was started." in get(client, PAGE)
+    assert "no calibration to use" in problem(post(client, PAGE, do="use"))
+    answer = post(client, PAGE, do="start", run=runs[:3], **{f"known {runs[0]}": "600 N ± 10 N"})
+    assert (answer.status_code, answer.headers["location"]) == (303, f"{PAGE}?done=start")
+    assert 'hx-trigger="every 2s"' in get(client, PAGE)
+    assert "is running" in problem(post(client, PAGE, do="start", run=runs[:3]))
+    assert ended(client)["status"] == "done"
+    page = get(client, PAGE)
+    assert "Use this model" in page
+    assert 'hx-trigger="every 2s"' not in page
+    for doubt in MODEL.reasons:
+        assert doubt.name in page
+    answer = client.get(f"{PAGE}/model")
+    assert answer.json()["parameters"] == model_json(MODEL)["parameters"]
+    assert post(client, PAGE, do="use").headers["location"] == f"{PAGE}?done=use"
+    assert "The model is in use" in get(client, f"{PAGE}?done=use")
+
+
+def test_a_model_that_is_used_replaces_the_one_before(client: TestClient, service: Service) -> None:
+    fill_axis(client, service, 4)
+    other = model_json(MODEL)
+    other["notes"] = ["another"]
+    digest = client.put("/api/v1/axes/bench/model", params={"use": True}, json=other).json()["digest"]
+    show = client.get("/api/v1/axes/bench").json()
+    assert [each["new"] for each in show["corrections"] if each["field"] == "model"] == [digest]
+
+
+@pytest.mark.parametrize(
+    ("form", "sentence"),
+    [
+        ({}, "The choice of runs must not be empty."),
+        ({"run": ["a"] * 101}, "The choice of runs must have 100 entries or fewer."),
+        ({"run": ["a"], "known a": "heavy"}, "is not a number with a unit"),
+        ({"run": ["a"], "known a": HOSTILE}, "is not a number with a unit"),
+    ],
+)
+def test_a_wrong_choice_is_one_sentence(client: TestClient, form: dict[str, Any], sentence: str) -> None:
+    answer = post(client, PAGE, do="start", **form)
+    assert answer.status_code == 422
+    assert sentence in problem(answer)
+    assert client.get(ADDRESS).json()["calibration"] is None
+
+
+def test_a_preload_of_a_run_that_is_not_chosen_is_refused(client: TestClient) -> None:
+    body = {"runs": ["a"], "known_preloads": {"b": "600 N"}}
+    answer = client.post(ADDRESS, json=body)
+    assert (answer.status_code, "no run of the calibration" in answer.json()["detail"]) == (422, True)
+
+
+def test_a_process_that_dies_or_takes_too_long_is_a_sentence(new_service: NewService) -> None:
+    service = new_service()
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        for target, limit, sentence in (
+            (quick_calibration.die, 60.0, "ended without a result"),
+            (quick_calibration.wait, 0.5, "took longer than 0.5 s"),
+        ):
+            set_target(client, target)
+            service.settings = service.settings.model_copy(update={"lease_s": limit})
+            assert client.post(ADDRESS, json={"runs": ["a"]}).status_code == 202
+            found = ended(client)
+            assert (found["status"], found["model"]) == ("failed", None)
+            assert sentence in found["error"]
+            assert sentence in get(client, PAGE)
