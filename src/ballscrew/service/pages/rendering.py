@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from functools import cache
 from importlib.resources import files
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import parse_qsl, quote, urlencode
 
 from babel.dates import format_datetime
 from babel.numbers import format_decimal
@@ -34,6 +34,7 @@ _HEADERS = {
 }
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".txt": "text/plain", ".svg": "image/svg+xml"}
 _UNKNOWN_SIGN = "○"
+_MOMENTS = {"en": "yyyy-MM-dd HH:mm", "de": "dd.MM.yyyy HH:mm"}
 
 router = APIRouter(include_in_schema=False)
 
@@ -61,7 +62,13 @@ def render(request: Request, template: str, status: int = 200, **context: Any) -
     text = (
         _environment(language)
         .get_template(template)
-        .render(path=request.url.path, query=request.url.query, language=language, **context)
+        .render(
+            path=request.url.path,
+            query=request.url.query,
+            language=language,
+            switches=_switches(request),
+            **context,
+        )
     )
     answer = HTMLResponse(text, status, headers=_HEADERS)
     if request.query_params.get("lang") in LANGUAGES:
@@ -79,6 +86,13 @@ def language_of(request: Request) -> str:
         if language in LANGUAGES:
             return language
     return LANGUAGES[0]
+
+
+def _switches(request: Request) -> dict[str, str]:
+    """Address of the same page in each language."""
+    present = parse_qsl(request.url.query, keep_blank_values=True)
+    query = [(name, value) for name, value in present if name != "lang"]
+    return {each: "?" + urlencode([*query, ("lang", each)]) for each in LANGUAGES}
 
 
 @cache
@@ -135,7 +149,7 @@ def format_moment(text: str | None, language: str) -> str:
     """Time in UTC, to the minute; a dash for None. The browser replaces it by local time."""
     if text is None:
         return "–"
-    return format_datetime(moment(text, "a time"), "yyyy-MM-dd HH:mm", tzinfo=UTC, locale=language) + " UTC"
+    return format_datetime(moment(text, "a time"), _MOMENTS[language], tzinfo=UTC, locale=language) + " UTC"
 
 
 def since(text: str, at: datetime) -> float:

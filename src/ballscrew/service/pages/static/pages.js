@@ -3,7 +3,8 @@
 
 const ballscrew = (() => {
   const language = document.documentElement.lang;
-  const clock = new Intl.DateTimeFormat(language, { dateStyle: "medium", timeStyle: "short" });
+  const locale = navigator.languages.find((each) => each.startsWith(language)) ?? language;
+  const clock = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: "short" });
   const charts = {};
 
   const number = (value, decimals = 2) =>
@@ -165,6 +166,15 @@ const ballscrew = (() => {
     }
   }
 
+  // A script may have changed the query since the page was made.
+  function switchLanguage(event) {
+    const link = event.target.closest("a[hreflang]");
+    if (!link) return;
+    const query = new URLSearchParams(location.search);
+    query.set("lang", link.hreflang);
+    link.search = query;
+  }
+
   function prepare(root) {
     localTimes(root);
     sortable(root);
@@ -177,6 +187,7 @@ const ballscrew = (() => {
     startFilter();
     prepare(document);
     watchChanges();
+    document.addEventListener("click", switchLanguage);
     document.body.addEventListener("htmx:afterSwap", (event) => prepare(event.target));
   }
 
