@@ -60,7 +60,7 @@ def render(request: Request, template: str, status: int = 200, **context: Any) -
     """
     language = language_of(request)
     text = (
-        _environment(language)
+        environment_of(language)
         .get_template(template)
         .render(
             path=request.url.path,
@@ -103,7 +103,8 @@ def translations(language: str) -> gettext.NullTranslations:
 
 
 @cache
-def _environment(language: str) -> Environment:
+def environment_of(language: str) -> Environment:
+    """Templates with the texts, numbers and times of a language."""
     environment = Environment(
         loader=PackageLoader("ballscrew.service.pages"),
         extensions=["jinja2.ext.i18n"],
