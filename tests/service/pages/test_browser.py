@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import pkgutil
 from collections.abc import Iterator
 from importlib import import_module
@@ -15,7 +14,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page
 from starlette.routing import compile_path
 from tests.service.conftest import client_of, send_result, work_off
-from tests.service.pages.browser import HOSTILE, Window, chromium, find_chromium, make_plant, serving
+from tests.service.pages.browser import HOSTILE, Window, make_plant, serving
 from tests.store.stored import RUNS
 
 from ballscrew.service import pages
@@ -33,19 +32,6 @@ SIZES = {"desk": (1280, 900), "panel": (1024, 600), "phone": (390, 844)}
 FOCUSABLE = """() => [...document.querySelectorAll(
   "a[href], button, input, select, textarea, summary, [tabindex]")]
   .filter((each) => each.tabIndex >= 0 && !each.disabled && each.checkVisibility())"""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    """Chromium; skipped where it is not installed, unless BALLSCREW_REQUIRE_CHROMIUM is set."""
-    program = find_chromium()
-    if program is None:
-        reason = "Chromium is not installed: apt-get install chromium"
-        if os.environ.get("BALLSCREW_REQUIRE_CHROMIUM") == "1":
-            pytest.fail(reason)
-        pytest.skip(reason)
-    with chromium(program) as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

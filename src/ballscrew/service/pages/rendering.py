@@ -6,6 +6,7 @@ import gettext
 import hashlib
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from decimal import Decimal
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -130,11 +131,11 @@ def sign_of(state: str) -> str:
 
 
 def format_number(value: float | None, decimals: int, language: str) -> str:
-    """Number with a fixed number of decimals; a dash for None."""
+    """Number with a fixed number of decimals, rounded as the command line does; a dash for None."""
     if value is None:
         return "–"
     pattern = "#,##0" + ("." + "0" * decimals if decimals else "")
-    return format_decimal(value, pattern, locale=language)
+    return format_decimal(Decimal(f"{value:.{decimals}f}"), pattern, locale=language)
 
 
 def format_percent(interval: list[float] | None, language: str) -> str:

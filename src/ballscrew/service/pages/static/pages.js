@@ -7,10 +7,21 @@ const ballscrew = (() => {
   const clock = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: "short" });
   const charts = {};
 
+  // As the command line rounds: half of a step, exactly, to the even digit.
+  function round(value, decimals) {
+    const [rounded, digits] = [value.toFixed(decimals), value.toFixed(decimals + 30)];
+    if (!/50{29}$/.test(digits)) return rounded;
+    const below = decimals ? digits.slice(0, -30) : digits.slice(0, -31);
+    return "02468".includes(below.at(-1)) ? below : rounded;
+  }
+
   const number = (value, decimals = 2) =>
     value === null || value === undefined
       ? "–"
-      : value.toLocaleString(language, { minimumFractionDigits: decimals, maximumFractionDigits: decimals });
+      : Number(round(value, decimals)).toLocaleString(language, {
+          minimumFractionDigits: decimals,
+          maximumFractionDigits: decimals,
+        });
 
   function localTimes(root) {
     for (const each of root.querySelectorAll("time[datetime]")) {
