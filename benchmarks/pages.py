@@ -1,7 +1,7 @@
 """Pages of a fleet of 300 axes over five years: time of answers, sizes, time to interactive, memory.
 
-``python -m benchmarks.pages`` fills a store in a temporary folder with synthetic rows, serves it by a process of
-its own, and prints a table; ``--store DIR`` uses a store that was filled before. Times to interactive need
+``python -m benchmarks.pages`` fills a store in a temporary folder with synthetic rows, serves it by a process
+of its own, and prints a table; ``--store DIR`` uses a store that was filled before. Times to interactive need
 Chromium, memory needs Linux.
 """
 
