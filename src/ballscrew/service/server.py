@@ -81,14 +81,15 @@ def serve(
         If a setting is wrong, the store is in use, or the address cannot be listened on.
     """
     folder = Path(data) if data is not None else default_folder()
-    settings = read_settings(folder, None if config is None else Path(config), options)
+    path = None if config is None else Path(config)
+    settings = read_settings(folder, path, options)
     problems = settings.problems()
     if problems:
         raise InputError(problems[0])
     if not DataFolder(folder).exists():
         create_store(folder)
     with DataFolder(folder).locked("serve", serving=True), _listening(settings) as listener:
-        service = Service(ServedStore(folder), settings)
+        service = Service(ServedStore(folder), settings, origins(folder, path, options))
         _recover(service)
         workers = [Worker(service, number) for number in range(settings.workers)]
         server = GracefulServer(_uvicorn_config(service, workers), service)

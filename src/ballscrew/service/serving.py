@@ -115,10 +115,13 @@ class Service:
         The store.
     settings : ServerSettings
         Settings.
+    origins : mapping of str to str, optional
+        Where each setting comes from.
     """
 
     store: ServedStore
     settings: ServerSettings
+    origins: Mapping[str, str] = field(default_factory=dict)
     changes: int = 0
     stopping: threading.Event = field(default_factory=threading.Event)
     work: threading.Condition = field(default_factory=threading.Condition)

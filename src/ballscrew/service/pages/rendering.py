@@ -6,10 +6,11 @@ import gettext
 import hashlib
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from decimal import Decimal
 from functools import cache
 from importlib.resources import files
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import parse_qsl, quote, urlencode
 
 from babel.dates import format_datetime
 from babel.numbers import format_decimal
@@ -35,6 +36,7 @@ _HEADERS = {
 }
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".txt": "text/plain", ".svg": "image/svg+xml"}
 _UNKNOWN_SIGN = "○"
+_MOMENTS = {"en": "yyyy-MM-dd HH:mm", "de": "dd.MM.yyyy HH:mm"}
 
 router = APIRouter(include_in_schema=False)
 
@@ -60,9 +62,15 @@ def render(request: Request, template: str, status: int = 200, **context: Any) -
     """
     language = language_of(request)
     text = (
-        _environment(language)
+        environment_of(language)
         .get_template(template)
-        .render(path=request.url.path, query=request.url.query, language=language, **context)
+        .render(
+            path=request.url.path,
+            query=request.url.query,
+            language=language,
+            switches=_switches(request),
+            **context,
+        )
     )
     answer = HTMLResponse(text, status, headers=_HEADERS)
     if request.query_params.get("lang") in LANGUAGES:
@@ -82,6 +90,13 @@ def language_of(request: Request) -> str:
     return LANGUAGES[0]
 
 
+def _switches(request: Request) -> dict[str, str]:
+    """Address of the same page in each language."""
+    present = parse_qsl(request.url.query, keep_blank_values=True)
+    query = [(name, value) for name, value in present if name != "lang"]
+    return {each: "?" + urlencode([*query, ("lang", each)]) for each in LANGUAGES}
+
+
 @cache
 def translations(language: str) -> gettext.NullTranslations:
     """Catalogue of a language; English has none."""
@@ -90,7 +105,8 @@ def translations(language: str) -> gettext.NullTranslations:
 
 
 @cache
-def _environment(language: str) -> Environment:
+def environment_of(language: str) -> Environment:
+    """Templates with the texts, numbers and times of a language."""
     environment = Environment(
         loader=PackageLoader("ballscrew.service.pages"),
         extensions=["jinja2.ext.i18n"],
@@ -116,11 +132,11 @@ def sign_of(state: str) -> str:
 
 
 def format_number(value: float | None, decimals: int, language: str) -> str:
-    """Number with a fixed number of decimals; a dash for None."""
+    """Number with a fixed number of decimals, rounded as the command line does; a dash for None."""
     if value is None:
         return "–"
     pattern = "#,##0" + ("." + "0" * decimals if decimals else "")
-    return format_decimal(value, pattern, locale=language)
+    return format_decimal(Decimal(f"{value:.{decimals}f}"), pattern, locale=language)
 
 
 def significant(value: float, digits: int, language: str) -> str:
@@ -146,7 +162,7 @@ def format_moment(text: str | None, language: str) -> str:
     """Time in UTC, to the minute; a dash for None. The browser replaces it by local time."""
     if text is None:
         return "–"
-    return format_datetime(moment(text, "a time"), "yyyy-MM-dd HH:mm", tzinfo=UTC, locale=language) + " UTC"
+    return format_datetime(moment(text, "a time"), _MOMENTS[language], tzinfo=UTC, locale=language) + " UTC"
 
 
 def since(text: str, at: datetime) -> float:

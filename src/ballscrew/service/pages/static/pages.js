@@ -3,13 +3,25 @@
 
 const ballscrew = (() => {
   const language = document.documentElement.lang;
-  const clock = new Intl.DateTimeFormat(language, { dateStyle: "medium", timeStyle: "short" });
+  const locale = navigator.languages.find((each) => each.startsWith(language)) ?? language;
+  const clock = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: "short" });
   const charts = {};
+
+  // As the command line rounds: half of a step, exactly, to the even digit.
+  function round(value, decimals) {
+    const [rounded, digits] = [value.toFixed(decimals), value.toFixed(decimals + 30)];
+    if (!/50{29}$/.test(digits)) return rounded;
+    const below = decimals ? digits.slice(0, -30) : digits.slice(0, -31);
+    return "02468".includes(below.at(-1)) ? below : rounded;
+  }
 
   const number = (value, decimals = 2) =>
     value === null || value === undefined
       ? "–"
-      : value.toLocaleString(language, { minimumFractionDigits: decimals, maximumFractionDigits: decimals });
+      : Number(round(value, decimals)).toLocaleString(language, {
+          minimumFractionDigits: decimals,
+          maximumFractionDigits: decimals,
+        });
 
   function localTimes(root) {
     for (const each of root.querySelectorAll("time[datetime]")) {
@@ -169,6 +181,15 @@ const ballscrew = (() => {
     }
   }
 
+  // A script may have changed the query since the page was made.
+  function switchLanguage(event) {
+    const link = event.target.closest("a[hreflang]");
+    if (!link) return;
+    const query = new URLSearchParams(location.search);
+    query.set("lang", link.hreflang);
+    link.search = query;
+  }
+
   function prepare(root) {
     localTimes(root);
     sortable(root);
@@ -181,6 +202,7 @@ const ballscrew = (() => {
     startFilter();
     prepare(document);
     watchChanges();
+    document.addEventListener("click", switchLanguage);
     document.body.addEventListener("htmx:afterSwap", (event) => prepare(event.target));
   }
 

@@ -1,0 +1,100 @@
+"""Page of the server: health of store and workers, queue, newest sent runs, tokens, settings."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import HTMLResponse
+from sqlalchemy import func, select
+
+from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.alarms import standing_alarms
+from ballscrew.service.health import Workers, age_s, ready_workers, unready, wal_bytes
+from ballscrew.service.jobs import job_documents
+from ballscrew.service.pages.rendering import render
+from ballscrew.service.runs import SET_ASIDE
+from ballscrew.service.serving import Service
+from ballscrew.service.tokens import list_tokens
+from ballscrew.store.tables import Axis, Upload
+
+router = APIRouter(include_in_schema=False)
+
+_NEWEST = 10
+_MOST_JOBS = 20
+
+
+@router.get("/status")
+def show_status(
+    request: Request,
+    caller: AdminCaller,  # noqa: ARG001
+    service: RunningService,
+    workers: Workers,
+) -> HTMLResponse:
+    """Health of the server; ``?part=health`` gives what changes alone."""
+    with service.store.read() as session:
+        axes = session.scalar(select(func.count()).select_from(Axis))
+        alarms = standing_alarms(session)
+        jobs = job_documents(session)
+        sent = session.execute(
+            select(Upload, Axis.name)
+            .join(Axis, Axis.id == Upload.axis_id)
+            .order_by(Upload.id.desc())
+            .limit(_NEWEST)
+        ).all()
+        newest = [(axis, row.key, row.received_at, row.status, row.verdict, row.error) for row, axis in sent]
+    template = "status.html"
+    if request.query_params.get("part") == "health":
+        template = "status_health.html"
+    waiting = [job for job in jobs if job["status"] != SET_ASIDE]
+    return render(
+        request,
+        template,
+        reason=unready(service, workers),
+        axes=axes,
+        alarms=len(alarms),
+        waiting=len(waiting),
+        oldest_s=max((age_s(job["created_at"]) for job in waiting), default=0.0),
+        aside=len(jobs) - len(waiting),
+        jobs=jobs[:_MOST_JOBS],
+        sent=newest,
+        ready=ready_workers(workers),
+        workers=service.settings.workers,
+        free_bytes=service.free_bytes(),
+        tokens=_count_tokens(service),
+        store=_store(service),
+        settings=_settings(service),
+    )
+
+
+def _count_tokens(service: Service) -> dict[str, int]:
+    """Number of valid tokens of administrators and of machines, and of those that were revoked."""
+    found = {"admin": 0, "machine": 0, "revoked": 0}
+    for token in list_tokens(service.store):
+        kind = "machine"
+        if token["revoked_at"] is not None:
+            kind = "revoked"
+        elif token["admin"]:
+            kind = "admin"
+        found[kind] += 1
+    return found
+
+
+def _store(service: Service) -> dict[str, Any]:
+    """Folder, kind of database, and sizes in bytes; without the URL, which may contain a password."""
+    folder, bytes_of_sqlite = service.store.folder, None
+    if folder.database_url() is None:
+        bytes_of_sqlite = folder.sqlite.stat().st_size
+    return {"path": str(service.store.path), "bytes": bytes_of_sqlite, "wal_bytes": wal_bytes(service)}
+
+
+def _settings(service: Service) -> list[tuple[str, Any, str, str]]:
+    """Name, value, meaning and origin of each setting."""
+    found = []
+    for name, field in type(service.settings).model_fields.items():
+        value = getattr(service.settings, name)
+        if isinstance(value, tuple):
+            value = ", ".join(value)
+        origin = service.origins.get(name, "default")
+        found.append((name, value, field.description or "", origin))
+    return found

@@ -1,0 +1,269 @@
+"""Pages in Chromium: accessible, without a horizontal bar, by the keyboard, and while data arrive."""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, Page
+from starlette.routing import compile_path
+from tests.service.conftest import client_of, send_result, work_off
+from tests.service.pages.browser import HOSTILE, Window, make_plant, serving
+from tests.store.stored import RUNS
+
+from ballscrew.service import pages
+from ballscrew.service.serving import Service
+
+HOSTILE_URL = quote(HOSTILE, safe="")
+PAGES = {
+    "/": ["/"],
+    "/status": ["/status"],
+}
+"""Addresses of each route that is a page; those of an axis also with hostile names."""
+
+ADDRESSES = [address for addresses in PAGES.values() for address in addresses]
+SIZES = {"desk": (1280, 900), "panel": (1024, 600), "phone": (390, 844)}
+FOCUSABLE = """() => [...document.querySelectorAll(
+  "a[href], button, input, select, textarea, summary, [tabindex]")]
+  .filter((each) => each.tabIndex >= 0 && !each.disabled && each.checkVisibility())"""
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Service:
+    return make_plant(tmp_path_factory.mktemp("plant"))
+
+
+@pytest.fixture(scope="module")
+def address(plant: Service) -> Iterator[str]:
+    with serving(plant) as found:
+        yield found
+
+
+@pytest.fixture
+def new_window(browser: Browser, address: str) -> Iterator[Any]:
+    """Opens windows, which must have no problem at the end of the test."""
+    windows: list[Window] = []
+
+    def make(**options: Any) -> Window:
+        windows.append(Window(browser, address, **options))
+        return windows[-1]
+
+    yield make
+    for window in windows:
+        window.close()
+    assert [problem for window in windows for problem in window.problems] == []
+
+
+@pytest.fixture
+def window(new_window: Any) -> Window:
+    found: Window = new_window()
+    return found
+
+
+def faults(page: Page) -> list[str]:
+    """What axe finds."""
+    found = []
+    for violation in Axe().run(page).response["violations"]:
+        places = ", ".join(str(node["target"]) for node in violation["nodes"][:5])
+        found.append(f"{violation['id']}: {violation['help']}: {places}")
+    return found
+
+
+def overflow(page: Page) -> float:
+    """Pixels that the page is wider than the window."""
+    width = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+    return float(width)
+
+
+def resize(page: Page, size: str, scheme: Any) -> None:
+    page.set_viewport_size(dict(zip(("width", "height"), SIZES[size], strict=True)))  # type: ignore[arg-type]
+    page.emulate_media(color_scheme=scheme)
+
+
+def test_the_table_has_every_page() -> None:
+    found = set()
+    for module in pkgutil.iter_modules(pages.__path__):
+        router = getattr(import_module(f"{pages.__name__}.{module.name}"), "router", None)
+        for route in getattr(router, "routes", ()):
+            if "GET" in route.methods and not route.path.startswith(("/static/", "/api/")):
+                found.add(route.path)
+    assert found == set(PAGES)
+    for path, addresses in PAGES.items():
+        assert addresses
+        for each in addresses:
+            assert compile_path(path)[0].match(each.split("?")[0]), each
+
+
+@pytest.mark.parametrize("path", ADDRESSES)
+def test_a_page_is_accessible_and_fits(path: str, window: Window) -> None:
+    page = window.open(path)
+    assert page.locator("h1").count() == 1
+    for size in SIZES:
+        resize(page, size, "light")
+        assert overflow(page) <= 0, size
+    resize(page, "desk", "light")
+    assert faults(page) == []
+    resize(page, "phone", "dark")
+    assert faults(page) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("language", ["en", "de"])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("path", ADDRESSES)
+def test_a_page_is_accessible_in_every_size_scheme_and_language(
+    path: str, size: str, scheme: str, language: str, new_window: Any
+) -> None:
+    window = new_window(locale=language, color_scheme=scheme)
+    resize(window.page, size, scheme)
+    page = window.open(path)
+    assert page.locator("html").get_attribute("lang") == language
+    assert faults(page) == []
+    assert overflow(page) <= 0
+
+
+@pytest.mark.parametrize("path", ADDRESSES)
+def test_a_page_is_used_by_the_keyboard_alone(path: str, window: Window) -> None:
+    """Tab reaches each control in the order of the page, with a visible focus."""
+    page = window.open(path)
+    count = page.evaluate(f"({FOCUSABLE})().length")
+    radios = page.evaluate(
+        "new Set([...document.querySelectorAll('[type=radio]')].map((each) => each.name)).size"
+    )
+    reached = []
+    for _ in range(count):
+        page.keyboard.press("Tab")
+        reached.append(
+            page.evaluate(
+                f"""() => [({FOCUSABLE})().indexOf(document.activeElement),
+                getComputedStyle(document.activeElement).outlineStyle]"""
+            )
+        )
+        if reached[-1][0] < 0:  # the end of the page
+            break
+    places = [place for place, _ in reached if place >= 0]
+    assert places == sorted(set(places))
+    if radios == 0:
+        assert places == list(range(count))
+    assert {outline for place, outline in reached if place >= 0} <= {"solid", "auto"}
+
+
+def test_the_skip_link_leads_to_the_content_and_enter_follows_a_link(window: Window) -> None:
+    page = window.open("/")
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.className") == "skip"
+    page.keyboard.press("Enter")
+    assert page.evaluate("document.activeElement.id") == "main"
+    page.locator("nav a[href='/status']").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/status")
+
+
+@pytest.mark.parametrize("path", ADDRESSES)
+def test_a_page_is_read_without_scripts(path: str, new_window: Any) -> None:
+    page = new_window(java_script_enabled=False).page
+    page.goto(path)
+    assert page.locator("h1").inner_text()
+    assert len(page.locator("main").inner_text()) > 100
+
+
+def test_names_are_text_and_never_markup(window: Window) -> None:
+    page = window.open("/")
+    row = page.locator("tr", has_text="alert(2)")
+    assert row.locator("th a").inner_text() == HOSTILE
+    assert row.locator("th a").get_attribute("href") == f"/axes/{HOSTILE_URL}"
+    assert page.locator("main img, main script").count() == 0
+    page = window.open("/status")
+    assert HOSTILE in page.locator("main").inner_text()
+    assert page.locator("main img, main script").count() == 0
+
+
+def test_a_filter_is_in_the_address_and_survives_back_forward_and_reload(window: Window) -> None:
+    page = window.open("/")
+    rows = page.locator("tbody tr:visible")
+    assert rows.count() == 3
+    page.get_by_label("Search").fill("mill 5")
+    assert rows.count() == 1
+    assert page.url.endswith("?search=mill+5")
+    page.get_by_role("link", name="Server").click()
+    page.wait_for_url("**/status")
+    page.go_back()
+    assert page.get_by_label("Search").input_value() == "mill 5"
+    assert rows.count() == 1
+    page.reload()
+    assert rows.count() == 1
+    page.go_forward()
+    assert page.locator("h1").inner_text() == "Server"
+
+
+def test_a_table_is_sorted_by_its_heads_and_exported(window: Window, tmp_path: Path) -> None:
+    page = window.open("/")
+    head = page.locator("th", has=page.get_by_role("button", name="Axis", exact=True))
+    for order in ("ascending", "descending"):
+        head.get_by_role("button").press("Enter")
+        assert head.get_attribute("aria-sort") == order
+        names = page.locator("tbody tr th").all_inner_texts()
+        assert (names[0] == "Y axis") == (order == "descending")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="CSV").click()
+    download.value.save_as(tmp_path / "fleet.csv")
+    lines = (tmp_path / "fleet.csv").read_text(encoding="utf-8-sig").splitlines()
+    assert len(lines) == 4
+    assert lines[1].split('","')[1] == "Y axis"
+
+
+def test_the_language_is_changed_with_the_filter_and_remembered(new_window: Any) -> None:
+    window = new_window(locale="en-GB")
+    page = window.open("/")
+    page.get_by_label("Search").fill("mill")
+    page.get_by_role("link", name="Deutsch").click()
+    page.wait_for_selector("html[lang=de]")
+    assert "search=mill" in page.url
+    assert window.open("/status").locator("html").get_attribute("lang") == "de"
+
+
+def test_a_run_that_arrives_appears_in_two_windows_without_a_reload(new_window: Any, plant: Service) -> None:
+    windows = [new_window(), new_window()]
+    for window in windows:
+        with window.page.expect_request("**/api/v1/events"):
+            window.open("/")
+        window.page.evaluate("window.same = true")
+    last = "//tr[.//a[text()='bench']]/td[6]"  # of the last run
+    before = windows[0].page.locator(last).get_attribute("data-value")
+    windows[0].page.wait_for_timeout(300)  # until the stream is open
+    with client_of(plant) as client:
+        assert send_result(client, len(RUNS) - 1).status_code == 202
+    work_off(plant, lambda _: pytest.fail("no analysis"))
+    plant.announce()  # as a worker does
+    for window in windows:
+        page = window.page
+        page.wait_for_function(
+            """([path, before]) =>
+              document.evaluate(path, document, null, 9).singleNodeValue.dataset.value > before""",
+            arg=[last, before],
+        )
+        assert page.evaluate("window.same")
+        assert page.locator("thead button").count() == 8  # of the new table too
+
+
+def test_a_page_is_reloaded_while_data_arrive(window: Window, plant: Service) -> None:
+    page = window.open("/")
+    for _ in range(5):
+        plant.announce()
+        page.reload()
+    assert page.locator("tbody tr").count() == 3
+
+
+@pytest.mark.parametrize("path", ADDRESSES)
+def test_a_page_is_printed_without_controls(path: str, window: Window) -> None:
+    page = window.open(path)
+    page.emulate_media(media="print")
+    assert page.locator("header nav:visible, .tools:visible, .filters:visible, footer:visible").count() == 0
+    assert overflow(page) <= 0

@@ -1,0 +1,143 @@
+"""Lamps: without recent data the state of an axis is unknown, and never that of its newest run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import select
+from tests.monitoring.histories import at, history
+from tests.service.conftest import SETUP, client_of, send, work_off
+from tests.store.stored import MODEL
+
+from ballscrew.calibration.modelfile import model_json
+from ballscrew.modal.run import Run
+from ballscrew.monitoring.epochs import moment
+from ballscrew.recording.quality.finding import Quality
+from ballscrew.service.alarms import watch_for_silence
+from ballscrew.service.lamps import URGENCY, add_lamps
+from ballscrew.service.serving import Service
+from ballscrew.store.adding import add_run
+from ballscrew.store.tables import Setup
+
+NEWEST = moment(at(21.0), "a run")
+SCHEDULE = {"period_s": 3 * 86400.0, "grace_s": 86400.0}
+GREEN = ("normal", "learning")
+
+Lamp = Callable[..., dict[str, Any]]
+
+
+@pytest.fixture
+def lamp(client: TestClient, service: Service) -> Lamp:  # noqa: ARG001  it sets the axis up
+    """Lamp of an axis of a state, a number of days after its newest run."""
+
+    def show(days: float, state: str = "normal") -> dict[str, Any]:
+        document = {"axis": "bench", "state": state, "newest_at": NEWEST.isoformat()}
+        with service.store.read() as session:
+            add_lamps(session, [document], NEWEST + timedelta(days=days))
+        return document
+
+    return show
+
+
+def assess(service: Service, runs: Sequence[Run]) -> None:
+    """Add runs and a model, and assess the axis."""
+    for run in runs:
+        add_run(service.store, Run.from_json(run.to_json()))
+    with client_of(service) as client:
+        assert client.put("/api/v1/axes/bench/model", json=model_json(MODEL)).status_code == 200
+    work_off(service, lambda _: pytest.fail("no analysis"))
+
+
+def set_schedule(service: Service, schedule: dict[str, float] | None) -> None:
+    """Give the axis a schedule that began before its runs."""
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP | {"schedule": schedule})
+    with service.store.write("test") as session:
+        session.scalars(select(Setup)).one().set_up_at = at(0.0)
+
+
+@pytest.mark.parametrize("state", URGENCY)
+def test_a_recent_run_shows_its_state(lamp: Lamp, service: Service, state: str) -> None:
+    set_schedule(service, SCHEDULE)
+    assert lamp(1.0, state)["lamp"] == {"state": state, "because": None}
+
+
+def test_a_clock_a_week_ahead_makes_an_axis_with_a_schedule_unknown(lamp: Lamp, service: Service) -> None:
+    set_schedule(service, SCHEDULE)
+    assert lamp(7.0)["lamp"] == {"state": "unknown", "because": "overdue"}
+
+
+@pytest.mark.parametrize("beyond_s", [-1.0, 1.0])
+def test_the_lamp_changes_after_period_and_grace(lamp: Lamp, service: Service, beyond_s: float) -> None:
+    set_schedule(service, SCHEDULE)
+    days = (SCHEDULE["period_s"] + SCHEDULE["grace_s"] + beyond_s) / 86400
+    assert (lamp(days)["lamp"]["state"] == "unknown") == (beyond_s > 0)
+
+
+@pytest.mark.parametrize(("days", "is_unknown"), [(30.9, False), (31.1, True), (3650.0, True)])
+def test_an_axis_without_a_schedule_is_unknown_once_its_newest_run_is_old(
+    lamp: Lamp, days: float, is_unknown: bool
+) -> None:
+    found = lamp(days)["lamp"]
+    assert (found["state"] == "unknown") == is_unknown
+    assert found["because"] == ("old" if is_unknown else None)
+
+
+def test_an_alarm_and_a_watch_stay_visible_without_data(lamp: Lamp, service: Service) -> None:
+    set_schedule(service, SCHEDULE)
+    for state in ("alarm", "watch", "unloaded", "suspect"):
+        assert lamp(365.0, state)["lamp"]["state"] == state
+
+
+def test_no_state_is_green_without_data(lamp: Lamp, service: Service) -> None:
+    for schedule in (SCHEDULE, None):
+        set_schedule(service, schedule)
+        for state in (*GREEN, "not assessed", "unknown"):
+            assert lamp(400.0, state)["lamp"]["state"] not in GREEN
+
+
+def test_the_lamp_is_unknown_where_the_newest_runs_were_set_aside(
+    lamp: Lamp, service: Service, client: TestClient
+) -> None:
+    runs = history([3.0 * day for day in range(7)])
+    bad = Quality("bad", ("clipped",))
+    assess(service, runs[:4])
+    assert lamp(0.5)["lamp"]["state"] == "normal"
+    assess(service, [replace(run, quality=bad) for run in runs[4:]])
+    assert lamp(0.5)["lamp"] == {"state": "unknown", "because": "set aside"}
+    text = client.get("/").text
+    assert 'class="lamp unknown"' in text
+    assert 'class="lamp normal"' not in text
+
+
+def test_a_sender_that_has_stopped_is_a_trouble_and_no_green_lamp(
+    client: TestClient, service: Service
+) -> None:
+    assess(service, history([3.0 * day for day in range(8)]))
+    set_schedule(service, SCHEDULE)
+    watch_for_silence(service, datetime.now(UTC) + timedelta(days=7))
+    (axis,) = client.get("/api/v1/axes").json()["axes"]
+    assert axis["state"] in GREEN
+    assert axis["lamp"] == {"state": "unknown", "because": "overdue"}
+    assert [trouble["kind"] for trouble in axis["measurement"]["troubles"]] == ["silence"]
+    assert client.get("/api/v1/axes/bench").json()["lamp"] == axis["lamp"]
+    page = client.get("/").text
+    assert 'class="lamp unknown"' in page
+    assert 'class="lamp normal"' not in page
+    assert 'class="lamp sound"' not in page
+
+
+def test_runs_that_wait_or_were_refused_do_not_make_a_lamp_green(
+    client: TestClient, service: Service
+) -> None:
+    send(client)
+    for outcome in ("failed", "refused"):
+        (axis,) = client.get("/api/v1/axes").json()["axes"]
+        assert axis["lamp"]["state"] == "not assessed"
+        work_off(service, lambda _, outcome=outcome: (outcome, "a reason"))
+    assert 'class="lamp normal"' not in client.get("/").text
