@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import ModuleType
 
 from fastapi import FastAPI
 
@@ -76,7 +77,7 @@ def create_app(service: Service, workers: Sequence[Worker] = ()) -> FastAPI:
     app.state.receiving = set()
     app.state.calibrator = Calibrator(service)
     app.state.on_demand = OnDemand(service)
-    modules = _RESOURCES
+    modules: tuple[ModuleType, ...] = _RESOURCES
     if service.settings.on_loopback:
         modules += _PAGES
     for module in modules:

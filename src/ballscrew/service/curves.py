@@ -1,4 +1,4 @@
-"""Curves of an axis as columns, for charts: its runs with the forecast, frequencies, friction, lost motion."""
+"""Curves of an axis as columns, for charts: runs with the forecast, frequencies, friction, lost motion."""
 
 from __future__ import annotations
 
