@@ -211,16 +211,16 @@ def _type(
 
 _STOPS = (0.0, 0.1, 0.2, 0.3, 0.4)
 _MILL = _type(_STOPS, LOAD)
-_LATHE = _type(_STOPS, 30.0, (1.0, 3.0), rigidity=480e6)
+_LATHE = _type(_STOPS, 30.0, (1.0, 5.0), rigidity=480e6)
 _GRINDER = _type(_STOPS, 20.0, table=60.0)
 _GANTRY = _type((0.0, 0.15, 0.3, 0.45), 40.0, table=55.0)
 _LOOSE = Instruments(pitch_frequency=300.0, pitch_damping=0.05, pitch=(0.0, 1.0))
-_HANGING = Instruments(pitch_frequency=12.0, pitch_damping=0.1, pitch=(0.0, 1.0))
+_HANGING = Instruments(pitch_frequency=1.0, pitch_damping=0.3, pitch=(0.0, 1.0))
 
 PLANT = (
-    PlantAxis("mill 4 X", "mill 4", "hall 1", _MILL, 20.0, worn=(88.0, 60.0), raised=98),
+    PlantAxis("mill 4 X", "mill 4", "hall 1", _MILL, 20.0, worn=(97.0, 40.0), raised=98),
     PlantAxis("mill 4 Y", "mill 4", "hall 1", _MILL, 19.0),
-    PlantAxis("mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(98.0, 90.0)),
+    PlantAxis("mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(101.0, 250.0)),
     PlantAxis(
         "mill 7 X", "mill 7", "hall 1", _MILL, 44.0, worn=(40.0, 60.0), replaced=54, raised=51,
         story=(
@@ -232,7 +232,7 @@ PLANT = (
     PlantAxis("mill 7 Y", "mill 7", "hall 1", _MILL, 43.0, swing=7.0),
     PlantAxis("mill 7 Z", "mill 7", "hall 1", _MILL, 42.0, loose={97: _LOOSE, 101: _HANGING}),
     PlantAxis(
-        "lathe 2 X", "lathe 2", "hall 2", _LATHE, 68.0, bearing=(80.0, 0.02), raised=95,
+        "lathe 2 X", "lathe 2", "hall 2", _LATHE, 68.0, bearing=(90.0, 0.03), raised=94,
         story=((95.4, "acknowledge", "The bearing will be adjusted at the next service."),),
     ),
     PlantAxis("lathe 2 Z", "lathe 2", "hall 2", _LATHE, 67.0),

@@ -235,8 +235,8 @@ class _Plant:
         if axis.raised is not None:
             at = self._received_at(axis, axis.raised) + timedelta(seconds=10)
             deeds.append((at, partial(self.assess, [axis])))
-        for week, kind, text in axis.story:
-            at = axis.measured_at(0, self.present) + timedelta(weeks=week)
+        for weeks, kind, text in axis.story:
+            at = axis.measured_at(0, self.present) + timedelta(weeks=weeks)
             deeds.append((at, partial(self._act, axis, kind, text, at)))
         silent = self._received_at(axis, axis.last) + _PERIOD + _GRACE + timedelta(minutes=1)
         if silent < self.present:
@@ -268,7 +268,8 @@ class _Plant:
         with self.service.store.read() as session:
             found = [each for each in alarm_documents(session) if each["axis"] == axis.name]
         if found:
-            act(found[0]["id"], Action(action=kind, text=text), _CALLER, self.service)
+            action = Action.model_validate({"action": kind, "text": text})
+            act(found[0]["id"], action, _CALLER, self.service)
 
     def _send(self, axis: PlantAxis, week: int, path: Path, run: Run | None = None) -> None:
         """Send the recordings of a test, and store the result of their analysis, if there is one."""
