@@ -93,6 +93,8 @@ class PlantAxis:
         Week of the test at which the alarm is raised.
     story : tuple of (float, str, str)
         What people did: week, ``acknowledge``, ``close`` or the kind of an event, and a sentence.
+    draw : int
+        Added to the seed of the plant.
     """
 
     name: str
@@ -111,6 +113,7 @@ class PlantAxis:
     calibrated: bool = True
     raised: int | None = None
     story: tuple[tuple[float, str, str], ...] = ()
+    draw: int = 0
 
     @property
     def effort(self) -> int:
@@ -142,7 +145,7 @@ class PlantAxis:
 
 def temperature(axis: PlantAxis, week: int, seed: int) -> float:
     """Temperature of the axis at a test, °C."""
-    chance = _random(axis, seed, week).standard_normal()
+    chance = random_of(axis, seed, week, 1).standard_normal()
     season = math.sin(2 * math.pi * (week - WEEKS) / _YEAR)
     return round(_MEAN + axis.swing * (0.8 * season + 0.3 * float(chance)), 1)
 
@@ -181,22 +184,37 @@ def rig_of(axis: PlantAxis, week: int, seed: int) -> Rig:
     for begin, others in axis.loose.items():
         if week >= begin:
             instruments = others
-    ripple = Disturbances(ripple_seed=int(_random(axis, seed).integers(1000)))
+    ripple = Disturbances(ripple_seed=int(random_of(axis, seed).integers(1000)))
     return Rig(machine, disturbances=ripple, instruments=instruments, sample_rate=_RATE)
 
 
 def _new_machine(axis: PlantAxis, seed: int) -> Machine:
     """Machine of an axis when new."""
     sheet, screw = axis.sheet, axis.sheet.screw
-    rigidity, bearing, preload = 1 + _SPREAD * _random(axis, seed).uniform(-1, 1, 3)
+    rigidity, bearing, preload = 1 + _SPREAD * random_of(axis, seed).uniform(-1, 1, 3)
     screw = replace(screw, rigidity=rigidity * screw.rigidity, preload_ratio=preload * screw.preload_ratio)
     sheet = replace(sheet, screw=screw, bearing=Bearing(bearing * sheet.bearing.stiffness))
     return Machine(sheet, sheet.nominal_preload)
 
 
-def _random(axis: PlantAxis, seed: int, *more: int) -> np.random.Generator:
-    """Random numbers of an axis, which do not depend on the other axes."""
-    return np.random.default_rng([seed, *more, *axis.name.encode()])
+def random_of(axis: PlantAxis, seed: int, *stream: int) -> np.random.Generator:
+    """Random numbers of an axis, which do not depend on the other axes.
+
+    Parameters
+    ----------
+    axis : PlantAxis
+        The axis.
+    seed : int
+        Of the plant.
+    *stream : int
+        Week and purpose: each has numbers of its own.
+
+    Returns
+    -------
+    Generator
+        In its initial state.
+    """
+    return np.random.default_rng([seed + axis.draw, *stream, *axis.name.encode()])
 
 
 def _type(
@@ -211,14 +229,14 @@ def _type(
 
 _STOPS = (0.0, 0.1, 0.2, 0.3, 0.4)
 _MILL = _type(_STOPS, LOAD)
-_LATHE = _type(_STOPS, 30.0, (1.0, 5.0), rigidity=480e6)
+_LATHE = _type(_STOPS, 70.0, (1.0, 5.0), rigidity=480e6)
 _GRINDER = _type(_STOPS, 20.0, table=60.0)
 _GANTRY = _type((0.0, 0.15, 0.3, 0.45), 40.0, table=55.0)
 _LOOSE = Instruments(pitch_frequency=300.0, pitch_damping=0.05, pitch=(0.0, 1.0))
 _HANGING = Instruments(pitch_frequency=1.0, pitch_damping=0.3, pitch=(0.0, 1.0))
 
 PLANT = (
-    PlantAxis("mill 4 X", "mill 4", "hall 1", _MILL, 20.0, worn=(97.0, 40.0), raised=98),
+    PlantAxis("mill 4 X", "mill 4", "hall 1", _MILL, 20.0, worn=(96.0, 45.0), raised=98),
     PlantAxis("mill 4 Y", "mill 4", "hall 1", _MILL, 19.0),
     PlantAxis("mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(101.0, 250.0)),
     PlantAxis(

@@ -22,7 +22,7 @@ from ballscrew.calibration.calibration import calibrate
 from ballscrew.modal.analyze import analyze
 from ballscrew.modal.cell import CellResult
 from ballscrew.modal.run import RigidBodyResult, Run
-from ballscrew.reproduction.plant import PlantAxis, rig_of, temperature
+from ballscrew.reproduction.plant import PlantAxis, random_of, rig_of, temperature
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.run import simulate_run
 from ballscrew.testbed.trip import prepared
@@ -109,8 +109,7 @@ def make_history(axis: PlantAxis, present: datetime, seed: int, folder: Path) ->
             runs[week] = template
         elif template is not None and then is not None and week not in recordings:
             state = _true_state(axis, week, seed)
-            random = np.random.default_rng([seed, week, *axis.name.encode()])
-            run = imitate_run(template, then, state, random)
+            run = imitate_run(template, then, state, random_of(axis, seed, week, 2))
             runs[week] = _dated(run, axis, week, present, seed)
     return AxisHistory(axis, runs, recordings, _model(axis, runs))
 
@@ -122,7 +121,7 @@ def _record(axis: PlantAxis, week: int, present: datetime, seed: int, folder: Pa
         axis.type.plan,
         axis.type.load,
         folder,
-        seed=int(np.random.SeedSequence([seed, week, *axis.name.encode()]).generate_state(1)[0]),
+        seed=int(random_of(axis, seed, week, 3).integers(2**31)),
         sheet=axis.sheet,
         measured_at=axis.measured_at(week, present).isoformat(),
         workers=1,
