@@ -250,7 +250,7 @@ PLANT = (
     PlantAxis("mill 7 Y", "mill 7", "hall 1", _MILL, 43.0, swing=7.0),
     PlantAxis("mill 7 Z", "mill 7", "hall 1", _MILL, 42.0, loose={97: _LOOSE, 101: _HANGING}),
     PlantAxis(
-        "lathe 2 X", "lathe 2", "hall 2", _LATHE, 68.0, bearing=(90.0, 0.03), raised=94,
+        "lathe 2 X", "lathe 2", "hall 2", _LATHE, 68.0, bearing=(94.0, 0.03), raised=95,
         story=((95.4, "acknowledge", "The bearing will be adjusted at the next service."),),
     ),
     PlantAxis("lathe 2 Z", "lathe 2", "hall 2", _LATHE, 67.0),
