@@ -32,6 +32,7 @@ $(STAMP): requirements/dev.txt pyproject.toml
 
 demo: $(STAMP)
 	$(BIN)/ballscrew demo
+	@echo "To see a simulated plant in the browser: $(BIN)/ballscrew serve --demo"
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +14,7 @@ from rich.table import Table
 from ballscrew.base.errors import DONE, WRONG_INPUT, printable
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.cli.options import Command, CommandGroup, Json, flag, option
-from ballscrew.cli.output import console, print_json
+from ballscrew.cli.output import console, print_json, progress_bar
 
 if TYPE_CHECKING:
     from ballscrew.store.opened import OpenStore
@@ -42,11 +43,16 @@ def serve(
     check: Annotated[
         bool, flag("Print the settings, where each comes from, and what is wrong.", "--check")
     ] = False,
+    demo: Annotated[
+        bool,
+        flag("Serve a simulated plant of twelve axes; without --data it is removed at the end.", "--demo"),
+    ] = False,
     as_json: Json = False,
 ) -> int:
     """Serve a store over HTTP: receive runs, analyse them, assess the axes, answer.
 
-    Without any option, at http://127.0.0.1:8000 for this computer alone. Ctrl-C stops it.
+    Without any option, at http://127.0.0.1:8000 for this computer alone. Ctrl-C stops it. With `--demo`, a
+    plant is simulated first, within a minute; `--data` is then a new folder, or the one of an earlier demo.
     """
     given = {"host": host, "port": port, "workers": workers}
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
@@ -54,6 +60,14 @@ def serve(
         return _check(data, config, options, as_json=as_json)
     from ballscrew.service.server import serve as serve_store
 
+    if demo:
+        from ballscrew.service.demo import demo_store
+
+        with ExitStack() as stack:
+            with progress_bar("making the simulated plant") as progress:
+                folder = stack.enter_context(demo_store(data, progress))
+            serve_store(folder, config=config, **options)
+        return DONE
     serve_store(data, config=config, **options)
     return DONE
 

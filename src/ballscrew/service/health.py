@@ -40,7 +40,8 @@ def is_alive() -> PlainTextResponse:
 def is_ready(service: RunningService, workers: Workers) -> JSONResponse:
     """Whether runs are received and analysed; 503 with the reason if not."""
     reason = unready(service, workers)
-    return JSONResponse({"ready": reason is None, "reason": reason}, 200 if reason is None else 503)
+    document = {"ready": reason is None, "reason": reason, "simulated": service.store.folder.is_simulated()}
+    return JSONResponse(document, 200 if reason is None else 503)
 
 
 def unready(service: Service, workers: Sequence[Worker]) -> str | None:

@@ -58,8 +58,8 @@ def show_axes(caller: AdminCaller, service: RunningService) -> dict[str, Any]:  
 
 
 def fleet_document(service: Service) -> dict[str, Any]:
-    """Every axis with its state; one that cannot be assessed with the reason."""
-    document = list_axes(service.store)
+    """Every axis with its state; one that cannot be assessed with the reason. ``simulated`` in a demo."""
+    document = list_axes(service.store) | {"simulated": service.store.folder.is_simulated()}
     with service.store.read() as session:
         missing, refusals = _all_missing(session), _refusals(session)
         for axis in document["axes"]:

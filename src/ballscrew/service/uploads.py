@@ -89,7 +89,7 @@ async def receive_file(request: Request, run: RunKey, sha256: Sha256, service: R
         size = await _write(request, service, service.partial / sha256, part)
         if part.total is not None and size < part.total:
             return Response(status_code=202, headers={OFFSET: str(size), COMPLETE: "?0"})
-        await run_in_threadpool(_store, service, service.partial / sha256, sha256)
+        await run_in_threadpool(store_file, service, service.partial / sha256, sha256)
     finally:
         receiving.discard(sha256)
     return Response(status_code=201, headers={COMPLETE: "?1"})
@@ -189,8 +189,23 @@ def _no_disk(error: BaseException) -> RefusedError:
     return RefusedError(status, f"the file cannot be stored ({reason}).", {"Retry-After": wait})
 
 
-def _store(service: Service, path: Path, sha256: str) -> None:
-    """Move a complete file into the store, durably."""
+def store_file(service: Service, path: Path, sha256: str) -> None:
+    """Move a complete file into the store, durably.
+
+    Parameters
+    ----------
+    service : Service
+        The service.
+    path : Path
+        The file; removed.
+    sha256 : str
+        Hash that its content must have.
+
+    Raises
+    ------
+    RefusedError
+        If it has another, or cannot be stored.
+    """
     try:
         stored = put_file(service.store.folder.files, path, sha256)
     except ChangedFileError:

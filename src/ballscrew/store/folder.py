@@ -9,6 +9,7 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
@@ -23,9 +24,22 @@ _LAYOUT = 1
 _CONFIG = "store.toml"
 
 
+_simulated_time: ContextVar[datetime | None] = ContextVar("simulated_time", default=None)
+
+
 def now() -> str:
-    """Current time, ISO 8601."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
+    """Current time, ISO 8601; within :func:`at_time` that time."""
+    return (_simulated_time.get() or datetime.now(UTC)).isoformat(timespec="milliseconds")
+
+
+@contextmanager
+def at_time(time: datetime) -> Iterator[None]:
+    """Let rows that this thread adds in the block have a time of a simulated history."""
+    token = _simulated_time.set(time)
+    try:
+        yield
+    finally:
+        _simulated_time.reset(token)
 
 
 def actor() -> str:
@@ -71,12 +85,14 @@ class DataFolder:
         """Whether the folder contains a store."""
         return self._config.is_file()
 
-    def create(self, url: str | None) -> None:
+    def create(self, url: str | None, *, simulated: bool = False) -> None:
         """Write store.toml, which makes a folder a store: the last step of its creation."""
         self.files.mkdir(parents=True, exist_ok=True)
         text = f"layout = {_LAYOUT}\n"
         if url is not None:
             text += f"database = {json.dumps(url)}\n"
+        if simulated:
+            text += "simulated = true\n"
         write_text(self._config, text)
         if url is not None and "@" in url:  # may contain a password
             self._config.chmod(0o600)
@@ -86,13 +102,17 @@ class DataFolder:
         if not self.exists():
             raise InputError(f"{self.path}: is not a store; 'ballscrew store init {self.path}' creates one.")
         fields = read_toml(self._config)
-        fields.only(["layout", "database"])
+        fields.only(["layout", "database", "simulated"])
         layout = fields.table.get("layout")
         if layout != _LAYOUT:
             raise InputError(
                 f"{self.path}: the layout of the store is {layout!r}; this version reads {_LAYOUT}."
             )
         return fields.text("database", "") or None
+
+    def is_simulated(self) -> bool:
+        """Whether the store is that of a simulated plant."""
+        return bool(read_toml(self._config).table.get("simulated", False))
 
     def mark_damaged(self, faults: list[str]) -> None:
         """Refuse to write until a verification finds no fault; without faults, permit it again."""

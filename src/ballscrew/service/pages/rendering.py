@@ -21,7 +21,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from ballscrew._version import __version__
 from ballscrew.monitoring.epochs import moment
 from ballscrew.report.canvas import STATE_SIGNS
-from ballscrew.service.serving import RefusedError
+from ballscrew.service.serving import RefusedError, service_of
 
 LANGUAGES = ("en", "de")
 
@@ -69,6 +69,7 @@ def render(request: Request, template: str, status: int = 200, **context: Any) -
             query=request.url.query,
             language=language,
             switches=_switches(request),
+            simulated=service_of(request).store.folder.is_simulated(),
             **context,
         )
     )

@@ -1,0 +1,361 @@
+"""``ballscrew serve --demo``: a store of the simulated plant, made through the functions of the service."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from pathlib import Path
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from ballscrew.axis.sheet_file import axis_toml
+from ballscrew.base.errors import InputError
+from ballscrew.base.files import Progress, ignore_progress
+from ballscrew.base.provenance import digest, hash_file
+from ballscrew.calibration.modelfile import model_json
+from ballscrew.fcft.planfile import plan_toml
+from ballscrew.modal.run import Run
+from ballscrew.reproduction.plant import CHANNELS, PLANT, SITE, PlantAxis
+from ballscrew.reproduction.plant_runs import AxisHistory, make_history
+from ballscrew.service.access import Caller
+from ballscrew.service.alarms import Action, act, alarm_documents, watch_for_silence
+from ballscrew.service.axes import AxisSetup, NewEvent, Schedule, add_axis_events, add_axis_model, set_up_axis
+from ballscrew.service.jobs import ANALYSE, ASSESS, Lease, request_assessment
+from ballscrew.service.runs import QUEUED, Completion, SentFile, complete_run, store_result
+from ballscrew.service.serving import ServedStore, Service
+from ballscrew.service.settings import read_settings
+from ballscrew.service.uploads import store_file
+from ballscrew.service.working import AssessmentTask, do_task, finish
+from ballscrew.store.adding import reader_of
+from ballscrew.store.folder import DataFolder, at_time, now
+from ballscrew.store.opened import create_store
+from ballscrew.store.reading import find_axis
+from ballscrew.store.tables import JobRow, Upload
+
+_CALLER = Caller(SITE, None)
+_PERIOD, _GRACE = timedelta(days=7), timedelta(days=2)
+_RECEIVED = timedelta(minutes=12)  # after the beginning of a test
+_MODEL_AFTER = timedelta(days=13)  # the first test
+_PROCESSES = 2
+
+Deed = tuple[datetime, Callable[[], object]]
+
+
+@contextmanager
+def demo_store(data: Path | None, progress: Progress = ignore_progress) -> Iterator[Path]:
+    """Data folder of the simulated plant, made if it does not exist.
+
+    Parameters
+    ----------
+    data : Path or None
+        The folder: new, empty, or of an earlier call; None for a temporary one, which is removed afterwards.
+    progress : callable
+        As for :func:`make_plant`.
+
+    Yields
+    ------
+    Path
+        The folder.
+
+    Raises
+    ------
+    InputError
+        If the folder contains something else.
+    """
+    if data is None:
+        with tempfile.TemporaryDirectory(prefix="ballscrew-demo-", ignore_cleanup_errors=True) as name:
+            folder = Path(name) / SITE
+            make_plant(folder, progress=progress)
+            yield folder
+        return
+    if not _is_plant(data):
+        with _new_folder(data) as name:
+            make_plant(name / "store", progress=progress)
+            if data.is_dir():
+                data.rmdir()  # it is empty
+            (name / "store").rename(data)
+    yield data
+
+
+def _is_plant(data: Path) -> bool:
+    """Whether a folder contains a simulated plant; False if there is nothing in it."""
+    folder = DataFolder(data)
+    if folder.exists():
+        if not folder.is_simulated():
+            raise InputError(f"{data}: contains another store; --demo needs a new folder.")
+        return True
+    if data.exists() and (not data.is_dir() or any(data.iterdir())):
+        raise InputError(f"{data}: contains other files; --demo needs a new folder.")
+    return False
+
+
+@contextmanager
+def _new_folder(data: Path) -> Iterator[Path]:
+    """A temporary folder beside a folder: what is made in it is moved whole, or not at all."""
+    try:
+        data.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(
+            prefix=".ballscrew-demo-", dir=data.parent, ignore_cleanup_errors=True
+        ) as name:
+            yield Path(name)
+    except OSError as error:
+        raise InputError(f"{data}: cannot be created ({error.strerror or error}).") from None
+
+
+def make_plant(
+    folder: Path,
+    *,
+    axes: Sequence[PlantAxis] = PLANT,
+    seed: int = 0,
+    present: datetime | None = None,
+    progress: Progress = ignore_progress,
+) -> None:
+    """Make a store of a simulated plant.
+
+    Recordings that are not analysed are in its queue: the server analyses them.
+
+    Parameters
+    ----------
+    folder : Path
+        Data folder, which must not exist.
+    axes : sequence of PlantAxis
+        The plant.
+    seed : int
+        The same seed gives the same numbers.
+    present : datetime, optional
+        Time at which the history ends; by default the present.
+    progress : callable
+        Called with the number of axes that are made, the number of all, and what is done.
+    """
+    create_store(folder)
+    data = DataFolder(folder)
+    present = present or datetime.now(UTC)
+    with (
+        data.locked("serve --demo", serving=True),
+        tempfile.TemporaryDirectory(prefix="recordings-", dir=folder) as recordings,
+        _pool() as pool,
+    ):
+        service = Service(ServedStore(folder), read_settings(folder, None, {}))
+        service.partial.mkdir()
+        histories = _make_histories(pool, axes, present, seed, Path(recordings), progress)
+        plant = _Plant(service, pool, histories, present)
+        progress(len(axes), len(axes), "storing their tests")
+        plant.replay()
+        progress(len(axes), len(axes), "assessing them")
+        plant.assess([history.axis for history in histories])
+        plant.send_others()
+        for writing in (False, True):
+            service.store.engine(writing=writing).dispose()
+    data.create(None, simulated=True)
+
+
+def _make_histories(
+    pool: ProcessPoolExecutor,
+    axes: Sequence[PlantAxis],
+    present: datetime,
+    seed: int,
+    folder: Path,
+    progress: Progress,
+) -> list[AxisHistory]:
+    """Histories of the axes, in their order."""
+    progress(0, len(axes), "simulating their tests")
+    futures: dict[Future[AxisHistory], PlantAxis] = {}
+    # Those with the most analyses first, so that both processes end together.
+    for axis in sorted(axes, key=lambda axis: -axis.effort):
+        futures[pool.submit(make_history, axis, present, seed, folder / axis.name)] = axis
+    found: dict[str, AxisHistory] = {}
+    waiting = set(futures)
+    while waiting:
+        done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+        for future in done:
+            found[futures[future].name] = future.result()
+            progress(len(found), len(axes), futures[future].name)
+    return [found[axis.name] for axis in axes]
+
+
+@contextmanager
+def _pool() -> Iterator[ProcessPoolExecutor]:
+    """Processes; after an interrupt, what they have not begun is not done."""
+    pool = ProcessPoolExecutor(_PROCESSES, multiprocessing.get_context("spawn"), _ignore_interrupts)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _ignore_interrupts() -> None:
+    """Ctrl-C reaches all processes; the first one stops these."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@dataclass(frozen=True)
+class _Plant:
+    """The plant as it sends its tests, and the people who read the results."""
+
+    service: Service
+    pool: ProcessPoolExecutor
+    histories: list[AxisHistory]
+    present: datetime
+
+    def replay(self) -> None:
+        """Do what happened, in the order of time."""
+        deeds: list[Deed] = []
+        for history in self.histories:
+            deeds += self._deeds(history)
+        runs = self._imitated()
+        for at, deed in sorted(deeds, key=lambda each: each[0]):
+            while runs and runs[0][0] < at:
+                runs = self._add_runs(runs, at)
+            with at_time(at):
+                deed()
+        while runs:
+            runs = self._add_runs(runs, self.present)
+
+    def _deeds(self, history: AxisHistory) -> list[Deed]:
+        """What happened to an axis, without its imitated tests."""
+        axis = history.axis
+        first = axis.measured_at(axis.first, self.present)
+        deeds: list[Deed] = [(first - timedelta(hours=1), partial(self._set_up, axis))]
+        for week, path in history.recordings.items():
+            if week in history.runs:
+                deed = partial(self._send, axis, week, path, history.runs[week])
+                deeds.append((self._received_at(axis, week), deed))
+        model = history.model
+        if model is not None:
+            at = first + _MODEL_AFTER
+            deeds.append((at, partial(add_axis_model, axis.name, model_json(model), _CALLER, self.service)))
+        if axis.raised is not None:
+            at = self._received_at(axis, axis.raised) + timedelta(seconds=10)
+            deeds.append((at, partial(self.assess, [axis])))
+        for weeks, kind, text in axis.story:
+            at = axis.measured_at(0, self.present) + timedelta(weeks=weeks)
+            deeds.append((at, partial(self._act, axis, kind, text, at)))
+        silent = self._received_at(axis, axis.last) + _PERIOD + _GRACE + timedelta(minutes=1)
+        if silent < self.present:
+            deeds.append((silent, partial(watch_for_silence, self.service, silent)))
+        return deeds
+
+    def _received_at(self, axis: PlantAxis, week: int) -> datetime:
+        return axis.measured_at(week, self.present) + _RECEIVED
+
+    def _set_up(self, axis: PlantAxis) -> None:
+        """Set up an axis with its documents and its schedule."""
+        schedule = Schedule(period_s=_PERIOD.total_seconds(), grace_s=_GRACE.total_seconds())
+        setup = AxisSetup(
+            machine=axis.machine,
+            site=f"{SITE}, {axis.hall}",
+            sheet=axis_toml(axis.sheet),
+            plan=plan_toml(axis.type.plan),
+            channels=CHANNELS,
+            schedule=schedule,
+        )
+        set_up_axis(axis.name, setup, _CALLER, self.service)
+
+    def _act(self, axis: PlantAxis, kind: str, text: str, at: datetime) -> None:
+        """Act on the newest alarm of an axis, if there is one, or record an event."""
+        if kind not in ("acknowledge", "close"):
+            event = NewEvent(at=at.isoformat(), kind=kind, text=text)
+            add_axis_events(axis.name, [event], _CALLER, self.service)
+            return
+        with self.service.store.read() as session:
+            found = [each for each in alarm_documents(session) if each["axis"] == axis.name]
+        if found:
+            action = Action.model_validate({"action": kind, "text": text})
+            act(found[0]["id"], action, _CALLER, self.service)
+
+    def _send(self, axis: PlantAxis, week: int, path: Path, run: Run | None = None) -> None:
+        """Send the recordings of a test, and store the result of their analysis, if there is one."""
+        text = path.read_text(encoding="utf-8")
+        files, readers = [], []
+        for recording in sorted(path.parent.glob("trip*.h5")):
+            sha256 = hash_file(recording)
+            files.append(SentFile(name=recording.name, sha256=sha256))
+            readers.append(reader_of(recording))
+            store_file(self.service, recording, sha256)
+        body = Completion(files=files, run_toml=text, run_json=None, measured_at=None)
+        complete_run(axis.name, f"week {week}", body, _CALLER, self.service)
+        if run is not None:
+            with self.service.store.read() as session:
+                content = session.scalars(select(Upload.content).order_by(Upload.id.desc()).limit(1)).one()
+            finish(self.service, self._lease(ANALYSE, content), "done", (run.to_json(), readers))
+
+    def send_others(self) -> None:
+        """Send the recordings that are not analysed, the oldest first."""
+        others = []
+        for history in self.histories:
+            for week, path in history.recordings.items():
+                if week not in history.runs:
+                    others.append((week, history.axis, path))
+        for week, axis, path in sorted(others, key=lambda each: each[0]):
+            self._send(axis, week, path)
+
+    def _imitated(self) -> list[tuple[datetime, PlantAxis, int, Run]]:
+        """Imitated tests by their times."""
+        found = []
+        for history in self.histories:
+            for week, run in history.runs.items():
+                if week not in history.recordings:
+                    found.append((self._received_at(history.axis, week), history.axis, week, run))
+        return sorted(found, key=lambda each: each[0])
+
+    def _add_runs(
+        self, runs: list[tuple[datetime, PlantAxis, int, Run]], until: datetime
+    ) -> list[tuple[datetime, PlantAxis, int, Run]]:
+        """Add imitated tests before a time in one transaction; the others."""
+        count = 0
+        with self.service.store.write("serve --demo") as session:
+            for at, axis, week, run in runs:
+                if at >= until:
+                    break
+                with at_time(at):
+                    _add_run(session, axis, week, run)
+                count += 1
+        return runs[count:]
+
+    def _lease(self, kind: str, argument: str) -> Lease:
+        """Lease a certain job."""
+        with self.service.store.write("lease") as session:
+            found = select(JobRow).where(JobRow.kind == kind, JobRow.argument == argument)
+            row = session.scalars(found).one()
+            row.lease = "demo"
+            return Lease(row.id, row.lease, kind, argument)
+
+    def assess(self, axes: Sequence[PlantAxis]) -> None:
+        """Assess axes, in both processes."""
+        futures = []
+        for axis in axes:
+            if axis.calibrated:
+                with self.service.store.write("assess") as session:
+                    request_assessment(session, find_axis(session, axis.name))
+                task = AssessmentTask(str(self.service.store.path), axis.name)
+                lease = self._lease(ASSESS, axis.name)
+                futures.append((lease, self.pool.submit(do_task, task)))
+        for lease, future in futures:
+            finish(self.service, lease, *future.result())
+
+
+def _add_run(session: Session, axis: PlantAxis, week: int, run: Run) -> None:
+    """Add an imitated test as one that was analysed at the machine."""
+    row = find_axis(session, axis.name)
+    content = digest(run.to_json())
+    upload = Upload(
+        axis_id=row.id,
+        key=f"week {week}",
+        sent=content,
+        content=content,
+        status=QUEUED,
+        stated={},
+        files=[],
+        sender=_CALLER.name,
+        received_at=now(),
+    )
+    session.add(upload)
+    store_result(session, row, [upload], run)

@@ -1,0 +1,193 @@
+"""The simulated plant: its story, its numbers, its folder."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sqlalchemy import select
+from tests.service.conftest import client_of
+
+from ballscrew.base.errors import InputError
+from ballscrew.calibration.frequency_table import frequency_table
+from ballscrew.modal.run import Run
+from ballscrew.reproduction.plant import PLANT, WEEKS
+from ballscrew.service import demo
+from ballscrew.service.serving import ServedStore, Service
+from ballscrew.service.settings import ServerSettings
+from ballscrew.store.checking import verify
+from ballscrew.store.folder import DataFolder, at_time, now
+from ballscrew.store.opened import OpenStore, create_store
+from ballscrew.store.tables import Axis, ResultRow, RunRow, Source, unpack
+
+PRESENT = datetime(2026, 5, 1, 12, tzinfo=UTC)
+_FIRST = WEEKS - 12
+HEALTHY = replace(PLANT[1], first=_FIRST, recorded=(WEEKS - 1,))
+ABSENT = replace(PLANT[8], first=_FIRST, last=WEEKS - 3, recorded=())
+SMALL = (HEALTHY, ABSENT)
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two axes over twelve weeks; one is absent in the end."""
+    folder = tmp_path_factory.mktemp("demo") / "plant"
+    demo.make_plant(folder, axes=SMALL, present=PRESENT)
+    return folder
+
+
+@pytest.fixture
+def service(plant: Path) -> Service:
+    """Service of this plant."""
+    return Service(ServedStore(plant), ServerSettings(min_free_bytes=0))
+
+
+def runs_of(folder: Path, axis: str) -> list[tuple[Run, bool]]:
+    """Runs of an axis by time, and whether they have recordings."""
+    store = OpenStore(folder)
+    with store.read() as session:
+        found = session.execute(
+            select(ResultRow.document, Source.digest)
+            .join(RunRow, RunRow.id == ResultRow.run_id)
+            .join(Axis, Axis.id == RunRow.axis_id)
+            .outerjoin(Source, Source.run_id == RunRow.id)
+            .where(Axis.name == axis)
+            .order_by(RunRow.time)
+        ).all()
+    return [(Run.from_json(unpack(document)), source is not None) for document, source in found]
+
+
+def test_the_store_is_whole_and_is_marked(plant: Path, service: Service) -> None:
+    assert verify(plant).faults == ()
+    with client_of(service) as client:
+        fleet = client.get("/api/v1/axes").json()
+        assert client.get("/readyz").json()["simulated"]
+    assert fleet["simulated"]
+    assert {axis["site"] for axis in fleet["axes"]} == {"simulated plant, hall 1", "simulated plant, hall 2"}
+    assert [axis["state"] for axis in fleet["axes"]] == ["normal", "normal"]
+    assert list(plant.glob("recordings-*")) == []
+
+
+def test_recordings_that_are_not_analysed_wait_in_the_queue(service: Service) -> None:
+    with client_of(service) as client:
+        jobs = client.get("/api/v1/jobs").json()["jobs"]
+        sent = client.get(f"/api/v1/axes/{HEALTHY.name}/runs").json()["sent"]
+    assert [job["kind"] for job in jobs] == ["analyse"]
+    assert Counter(each["status"] for each in sent) == {"done": 11, "queued": 1}
+
+
+def test_times_are_those_of_the_history(service: Service) -> None:
+    """Only the queued test was sent now."""
+    with client_of(service) as client:
+        sent = client.get(f"/api/v1/axes/{HEALTHY.name}/runs").json()["sent"]
+        alarms = client.get("/api/v1/alarms").json()["alarms"]
+    received = [datetime.fromisoformat(each["received_at"]) for each in sent[:-1]]
+    assert received[0] == HEALTHY.measured_at(_FIRST, PRESENT) + timedelta(minutes=12)
+    assert set(np.diff(received)) == {timedelta(days=7)}
+    (silence,) = alarms
+    assert silence["kind"] == "silence"
+    assert silence["axis"] == ABSENT.name
+    last = ABSENT.measured_at(ABSENT.last, PRESENT)
+    assert datetime.fromisoformat(silence["raised_at"]) - last == timedelta(days=9, minutes=13)
+
+
+def test_imitated_runs_agree_with_the_analysed_one_and_scatter(plant: Path) -> None:
+    runs = runs_of(plant, HEALTHY.name)
+    assert [recorded for _, recorded in runs] == [True] + 10 * [False]
+    (analysed, _), *imitated = runs
+    first = frequency_table(analysed)
+    assert len(first.frequency) == 16
+    assert {run.quality.verdict for run, _ in runs} == {"good"}
+    assert {run.made.inputs["plan"] for run, _ in runs} == {analysed.made.inputs["plan"]}
+    tables = [frequency_table(run) for run, _ in imitated]
+    moved = np.array([table.frequency / first.frequency - 1 for table in tables])
+    stated = np.array([cell.standard_uncertainty_Hz / cell.frequency_Hz for cell in analysed.cells])
+    assert np.abs(moved).max() < 5 * stated.max()
+    assert (moved.std(axis=0) > 0.1 * stated).all()
+    assert {run.made.inputs.get("imitated") for run, _ in imitated} == {analysed.id}
+
+
+def test_a_second_start_uses_the_same_plant(plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(demo, "make_plant", lambda *_, **__: pytest.fail("made again"))
+    with demo.demo_store(plant) as folder:
+        assert folder == plant
+    assert plant.is_dir()
+
+
+@pytest.fixture
+def imitated_plant(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """An empty store in place of the plant; the folders in which one was made."""
+    made: list[Path] = []
+
+    def make(folder: Path, **_: Any) -> None:
+        made.append(folder)
+        create_store(folder)
+        DataFolder(folder).create(None, simulated=True)
+
+    monkeypatch.setattr(demo, "make_plant", make)
+    return made
+
+
+def test_a_temporary_plant_leaves_nothing(imitated_plant: list[Path]) -> None:
+    with demo.demo_store(None) as folder:
+        assert DataFolder(folder).is_simulated()
+        assert folder == imitated_plant[0]
+    assert not folder.parent.exists()
+
+
+@pytest.mark.parametrize("exists", [False, True])
+def test_a_new_folder_is_made_and_stays(imitated_plant: list[Path], tmp_path: Path, exists: bool) -> None:
+    data = tmp_path / "new" / "plant"
+    if exists:
+        data.mkdir(parents=True)
+    for _ in range(2):
+        with demo.demo_store(data) as folder:
+            assert folder == data
+    assert len(imitated_plant) == 1
+    assert [path.name for path in data.parent.iterdir()] == ["plant"]
+
+
+@pytest.fixture(params=[None, "stated"])
+def interrupted(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Any]:
+    """Folder of a plant that is interrupted; afterwards nothing is there."""
+    monkeypatch.setattr(demo.tempfile, "tempdir", str(tmp_path))
+    yield None if request.param is None else tmp_path / request.param
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_leaves_nothing(interrupted: Path | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    def make(folder: Path, **_: Any) -> None:
+        create_store(folder)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(demo, "make_plant", make)
+    with pytest.raises(KeyboardInterrupt), demo.demo_store(interrupted):
+        pytest.fail("it was made")
+
+
+def test_another_folder_is_refused(tmp_path: Path) -> None:
+    store = create_store(tmp_path / "store").path
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "letter.txt").write_text("mine")
+    for folder, words in (
+        (store, "another store"),
+        (other, "other files"),
+        (other / "letter.txt", "other files"),
+    ):
+        with pytest.raises(InputError, match=words), demo.demo_store(folder):
+            pytest.fail("it was taken")
+    assert (other / "letter.txt").read_text() == "mine"
+
+
+def test_rows_have_the_time_of_the_history_in_its_block_only() -> None:
+    with at_time(PRESENT):
+        assert now() == "2026-05-01T12:00:00.000+00:00"
+    assert now() > "2026-05-02"
