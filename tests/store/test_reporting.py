@@ -20,13 +20,12 @@ from ballscrew.base.provenance import FileRef, digest
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import Event
 from ballscrew.store.adding import add_events, add_model, add_run
-from ballscrew.store.folder import now
 from ballscrew.store.reading import find_axis
 from ballscrew.store.reporting import report
 from ballscrew.store.store import Store
 from ballscrew.store.tables import AlarmAction, AlarmRow, Audit, MachineRow, Setup, Trouble
 
-TIME = datetime(2026, 3, 1, tzinfo=UTC)
+TIME = datetime(2026, 2, 12, tzinfo=UTC)
 HOSTILE = "<script>alert(1)</script> $x_1$ \\frac{1}{2} 😀"
 LONG = "Z" * 200
 UNKNOWN = "C axis, no model"
@@ -159,7 +158,7 @@ def changed(plant: Store) -> Iterator[Callable[..., None]]:
         with plant.write("test") as session:
             axis = find_axis(session, "A axis")
             axis.changed_at = changed_at
-            setup = session.get(Setup, axis.id) or Setup(axis_id=axis.id, set_up_at=now())
+            setup = session.get(Setup, axis.id) or Setup(axis_id=axis.id, set_up_at=at(0.0))
             setup.sheet = setup.plan = setup.channels = None
             setup.period_s, setup.grace_s = period, 0.0
             session.add(setup)
@@ -173,19 +172,25 @@ def changed(plant: Store) -> Iterator[Callable[..., None]]:
     ("change", "words"),
     [
         ({"changed_at": at(50.0)}, "unknown, normal before"),
-        ({"period": 3600.0}, "unknown, run overdue; normal before"),
+        ({"period": 3600.0}, "unknown, its run is overdue; normal before"),
     ],
 )
 def test_what_is_not_known_is_never_good(
     plant: Store, tmp_path: Path, changed: Callable[..., None], change: dict[str, Any], words: str
 ) -> None:
-    later = datetime.now(UTC) + timedelta(days=1)
-    assert ">●</span>&nbsp;normal<" in page_of(plant, tmp_path, at=later)
+    assert ">●</span>&nbsp;normal<" in page_of(plant, tmp_path)
     changed(**change)
-    page = page_of(plant, tmp_path, at=later)
+    page = page_of(plant, tmp_path)
     assert f">○</span>&nbsp;{words}<" in page
     assert ">●</span>&nbsp;normal<" not in page.split("What to do")[0]
     assert "1 alarm, 2 unknown" in page
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_a_state_without_a_schedule_is_unknown_when_it_is_old(plant: Store, tmp_path: Path) -> None:
+    page = page_of(plant, tmp_path, at=TIME + timedelta(days=60))
+    assert "unknown, its last run is old; normal before" in page
+    assert ">■</span>&nbsp;alarm<" in page
 
 
 def test_a_picture_is_drawn_only_of_the_assessment_that_is_stored(
@@ -305,7 +310,7 @@ def test_a_file_that_exists_stays_if_the_report_fails(
 def test_the_time_is_that_of_the_environment(
     plant: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1772323200")
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1770854400")
     assert report(plant, UNKNOWN, out=tmp_path / "a.html")["at"] == TIME.isoformat()
     for wrong in ("yesterday", "1e99"):
         monkeypatch.setenv("SOURCE_DATE_EPOCH", wrong)

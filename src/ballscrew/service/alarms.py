@@ -22,9 +22,6 @@ from ballscrew.store.folder import now
 from ballscrew.store.opened import record
 from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, Message, RunRow, Setup, Trouble, Upload
 
-ENDED = ("ended", "retracted", "closed")
-"""States of an alarm that stands no longer."""
-
 router = APIRouter(prefix="/api/v1/alarms")
 
 SILENCE, MEASUREMENT, ASSESSMENT = "silence", "measurement", "assessment"

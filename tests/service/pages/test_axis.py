@@ -184,9 +184,7 @@ def test_frequencies_are_means_of_stops_relative_to_the_runs_that_were_learned(
     document = curves(client, "frequencies", axis)
     assert document["position_m"] == [0.0, 0.045]
     with service.store.read() as session:
-        values = session.scalars(
-            select(CellRow.frequency_Hz).order_by(CellRow.result_id, CellRow.place)
-        ).all()
+        values = session.scalars(select(CellRow.frequency_Hz).order_by(CellRow.result_id, CellRow.place)).all()
     values = values[-130 * 8 :]
     rows = [values[8 * number : 8 * number + 8] for number in range(130)]
     baseline = [median(row[cell] for row in rows[:3]) for cell in range(8)]
