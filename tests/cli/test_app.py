@@ -17,7 +17,7 @@ from ballscrew.cli.shell import run
 
 COMMANDS = [
     "amend", "analyze", "calibrate", "demo", "frf", "init", "monitor", "plan", "preload", "quality",
-    "reprocess", "reproduce", "send", "serve", "simulate multi-level-mass", "simulate run",
+    "report", "reprocess", "reproduce", "send", "serve", "simulate multi-level-mass", "simulate run",
     "simulate run-to-failure",
     "store add", "store archive", "store backup", "store correct", "store exclude", "store export",
     "store gc", "store init", "store list", "store migrate", "store restore", "store show",

@@ -81,6 +81,22 @@ def test_every_command_prints_a_document(capsys: pytest.CaptureFixture[str]) -> 
 
 
 @pytest.mark.usefixtures("plant")
+def test_a_report_is_written_and_named(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(["monitor", "bench"]) == 0
+    document = printed(capsys, "report", "--data", "plant", "--out", "a.pdf")
+    assert document["axes"] == [{"axis": "bench", "state": "alarm", "shown": "alarm"}]
+    assert Path("a.pdf").read_bytes().startswith(b"%PDF")
+    assert run(["report", "bench", "--out", "a.html"]) == 0
+    assert capsys.readouterr().out == "Report: a.html\n"
+    assert run(["report", "another", "--out", "a.html"]) == 2
+    monkeypatch.delenv("BALLSCREW_STORE")
+    assert run(["report", "--out", "a.html"]) == 2
+    assert "no store is given: give its folder (--data DIR)" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("plant")
 def test_monitor_takes_the_store_of_the_environment_for_the_name_of_an_axis(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -19,9 +19,9 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.service.alarms import watch_for_silence
-from ballscrew.service.lamps import URGENCY, add_lamps
 from ballscrew.service.serving import Service
 from ballscrew.store.adding import add_run
+from ballscrew.store.lamps import URGENCY, add_lamps
 from ballscrew.store.tables import Setup
 
 NEWEST = moment(at(21.0), "a run")

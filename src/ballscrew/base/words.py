@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
+NONE = "–"
+"""In place of a number that is not known."""
 _LEAST = 40  # characters of the end of a sentence that are not repeated
 
 
@@ -35,6 +37,45 @@ def duration(seconds: float) -> str:
         return f"{seconds:.1f} s"
     minutes = seconds / 60
     return f"{minutes:.1f} min" if minutes < 120 else f"{minutes / 60:.1f} h"
+
+
+def value_words(numbers: Sequence[float] | None) -> str:
+    """P/P₀ of value and both ends of its interval: the value, ``"0.873"``."""
+    if numbers is None:
+        return NONE
+    return f"{numbers[0]:.3f}"
+
+
+def interval_words(numbers: Sequence[float] | None) -> str:
+    """P/P₀ of value and both ends of its interval: the interval, ``"0.851 to 0.894"``."""
+    if numbers is None:
+        return NONE
+    return f"{numbers[1]:.3f} to {numbers[2]:.3f}"
+
+
+def nut_words(numbers: Sequence[float] | None) -> str:
+    """P/P₀ of the nut, ``"0.62 to 0.94"``, or ``"below 0.55"`` where it has an upper limit alone."""
+    if numbers is None:
+        return NONE
+    if numbers[1] > 0:
+        return f"{numbers[1]:.2f} to {numbers[2]:.2f}"
+    return f"below {numbers[2]:.2f}"
+
+
+def life_words(quantiles: Mapping[str, float | None]) -> str:
+    """Median and 90 % interval of the remaining life in days, ``"31 (20 to 50)"``.
+
+    An end that is open is ∞, and ``"open"`` are all three.
+    """
+    numbers = []
+    for name in ("0.5", "0.05", "0.95"):
+        if name not in quantiles:
+            return NONE
+        days = quantiles[name]
+        numbers.append("∞" if days is None else f"{days:.0f}")
+    if set(numbers) == {"∞"}:
+        return "open"
+    return f"{numbers[0]} ({numbers[1]} to {numbers[2]})"
 
 
 def form(text: str) -> str:

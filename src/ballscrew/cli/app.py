@@ -29,7 +29,7 @@ from ballscrew.cli.plan_app import plan
 from ballscrew.cli.send_app import send
 from ballscrew.cli.serve_app import serve, token
 from ballscrew.cli.simulate_app import simulate
-from ballscrew.cli.store_app import reprocess, store
+from ballscrew.cli.store_app import report, reprocess, store
 
 app = typer.Typer(
     name="ballscrew",
@@ -349,6 +349,7 @@ def reproduce(
 
 app.add_typer(simulate, name="simulate")
 app.add_typer(store, name="store")
+app.command(cls=Command, epilog="Example: ballscrew report --data plant --out plant.pdf")(report)
 app.command(cls=Command, epilog="Example: ballscrew serve --data plant")(serve)
 app.add_typer(token, name="token")
 app.command(cls=Command, epilog='Example: ballscrew reprocess "X axis" --store plant --workers 4')(reprocess)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,19 +13,19 @@ from rich.table import Table
 
 from ballscrew.base.errors import DONE, WRONG_INPUT, InputError, printable
 from ballscrew.base.jsonfile import SCHEMA
-from ballscrew.base.words import percent, plural
-from ballscrew.cli.output import STATE_STYLE, TIME_WIDTH, console, print_json, progress_bar, right_aligned
+from ballscrew.base.words import interval_words, life_words, percent, plural, value_words
+from ballscrew.cli.output import STATE_STYLE, console, print_json, progress_bar, right_aligned
+from ballscrew.report.stored_words import changes, exclusions, stored_headline, utc_minute
 
 if TYPE_CHECKING:
     from ballscrew.store.inserting import Added
     from ballscrew.store.opened import OpenStore
 
 _SHOWN_RUNS = 30  # newest runs in the table
-_AS_BEFORE = "none"  # of a value that was not stated
 
 
-def open_store(path: Path | None) -> OpenStore:
-    """The store of ``--store``.
+def open_store(path: Path | None, name: str = "--store") -> OpenStore:
+    """The store of an option.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def open_store(path: Path | None) -> OpenStore:
     """
     from ballscrew.store.opened import OpenStore
 
-    return OpenStore(given_folder(path))
+    return OpenStore(given_folder(path, name))
 
 
 def init_store(path: Path, database: str | None, *, as_json: bool) -> int:
@@ -122,9 +122,9 @@ def list_store(store: OpenStore, *, as_json: bool) -> int:
         table.add_column(heading)
     for row in document["axes"]:
         place = [escape(row[name] or "–") for name in ("site", "machine", "axis")]
-        newest = (row["newest_at"] or "–")[:TIME_WIDTH]
-        life = _life(row["rul_days"])
-        table.add_row(*place, str(row["runs"]), _ratio(row["stiffness"]), life, _state(row["state"]), newest)
+        newest = utc_minute(row["newest_at"])
+        numbers = [str(row["runs"]), value_words(row["stiffness"]), life_words(row["rul_days"])]
+        table.add_row(*place, *numbers, _state(row["state"]), newest)
     console().print(table)
     return DONE
 
@@ -132,29 +132,6 @@ def list_store(store: OpenStore, *, as_json: bool) -> int:
 def _state(state: str) -> str:
     style = STATE_STYLE.get(state, "bright_black")
     return f"[{style}]{state}[/]"
-
-
-def _ratio(numbers: Sequence[float] | None) -> str:
-    if numbers is None:
-        return "–"
-    return f"{numbers[0]:.3f}"
-
-
-def _interval(numbers: Sequence[float] | None) -> str:
-    if numbers is None:
-        return "–"
-    return f"{numbers[1]:.2f} to {numbers[2]:.2f}"
-
-
-def _life(quantiles: dict[str, float | None]) -> str:
-    """Median and 90 % interval of the remaining life; an end that is open is infinite."""
-    numbers = []
-    for name in ("0.5", "0.05", "0.95"):
-        if name not in quantiles:
-            return "–"
-        days = quantiles[name]
-        numbers.append("∞" if days is None else f"{days:.0f}")
-    return f"{numbers[0]} ({numbers[1]} to {numbers[2]})"
 
 
 def show_store(store: OpenStore, subject: str, *, as_json: bool) -> int:
@@ -174,59 +151,18 @@ def show_store(store: OpenStore, subject: str, *, as_json: bool) -> int:
 
 def _print_axis(document: dict[str, Any]) -> None:
     screen = console()
-    screen.print(_headline(document), markup=False)
+    screen.print(stored_headline(document), markup=False)
     screen.print(_runs(document["runs"]))
     for alarm in document["alarms"]:
-        text = f"Alarm since {alarm['began_at'][:TIME_WIDTH]}, raised {alarm['raised_at'][:TIME_WIDTH]}"
+        text = f"Alarm since {utc_minute(alarm['began_at'])}, raised {utc_minute(alarm['raised_at'])}"
         if alarm["retracted_at"]:
-            text += f", retracted {alarm['retracted_at'][:TIME_WIDTH]}"
+            text += f", retracted {utc_minute(alarm['retracted_at'])}"
         screen.print(f"{text}.", markup=False)
     for event in document["events"]:
-        text = f"Event {event['digest'][:12]}, {event['at'][:TIME_WIDTH]}: {event['kind']}"
+        text = f"Event {event['digest'][:12]}, {utc_minute(event['at'])}: {event['kind']}"
         screen.print(printable(f"{text}: {event['text']}" if event["text"] else text), markup=False)
-    for row in document["exclusions"]:
-        if row["ended_at"] is None:
-            what = f"run {row['run'][:12]}" if row["run"] else f"event {row['event'][:12]}"
-            screen.print(printable(f"Excluded {what}: {row['reason']} ({row['actor']})"), markup=False)
-    for line in _changes(document):
+    for line in (*exclusions(document), *changes(document)):
         screen.print(printable(line), markup=False)
-
-
-def _changes(document: dict[str, Any]) -> Iterator[str]:
-    """Sentences on corrections and conflicts."""
-    counting = {run["run"] for run in document["runs"] if run["counts"]}
-    for row in document["corrections"]:
-        yield _correction(row, counting)
-    for row in document["conflicts"]:
-        yield _conflict(row)
-    for pair in document["shared_recordings"]:
-        first, second = (run[:12] for run in pair["runs"])
-        text = f"Conflict: the runs {first} and {second} are made of the same recording, {pair['recording']}"
-        yield f"{text}: exclude one of them ('ballscrew store exclude')."
-
-
-def _correction(row: dict[str, Any], counting: Container[str]) -> str:
-    """Sentence on a field that was corrected."""
-    what = row["field"]
-    if row["run"] is not None:
-        what = f"{what} of the run {row['supersedes'][:12]}, which is now {row['run'][:12]}"
-        if row["run"] not in counting:
-            what += " and does not count"
-    values = [_AS_BEFORE if row[name] is None else str(row[name]) for name in ("old", "new")]
-    text = f"Corrected {row['at'][:TIME_WIDTH]}: {what}, from {values[0]} to {values[1]}"
-    about = ", ".join(filter(None, (row["reason"], row["actor"])))
-    return f"{text} ({about})" if about else text
-
-
-def _conflict(row: dict[str, Any]) -> str:
-    """Sentence on a refused result, with what to do."""
-    text = (
-        f"Conflict: another result of the run {row['run'][:12]} was refused {row['received_at'][:TIME_WIDTH]}"
-    )
-    if row["differs"] == ["result"]:
-        return f"{text}; if the stored one is wrong, exclude the run ('ballscrew store exclude')."
-    fields = " and ".join(row["differs"])
-    return f"{text}, of another {fields}; if that is right, correct the run ('ballscrew store correct')."
 
 
 def _provenance(document: dict[str, Any]) -> Iterator[str]:
@@ -246,18 +182,6 @@ def _provenance(document: dict[str, Any]) -> Iterator[str]:
         epoch = f"epoch {state['epoch']} from {state['begins'] or 'the first run'}"
         yield f"State {state['state']}, {epoch}, relative to the run {state['reference'] or '–'}"
         yield f"  by the model {state['model_digest']}, ballscrew {state['version']}, {state['made_at']}"
-
-
-def _headline(document: dict[str, Any]) -> str:
-    """Axis and state; where the history has changed since, the state before."""
-    axis, state = document["axis"], document["state"]
-    if document["newest_at"] is None:
-        return f"{axis}: {state}"
-    newest = f"as of the run of {document['newest_at'][:TIME_WIDTH]}"
-    if document["changed_at"]:
-        before = f"{document['last_state']} {newest}"
-        return f"{axis}: {state} since its history has changed ('ballscrew monitor'); {before}"
-    return f"{axis}: {state}, {newest}"
 
 
 def _origins(document: dict[str, Any]) -> Iterator[str]:
@@ -288,8 +212,9 @@ def _runs(runs: Sequence[dict[str, Any]]) -> Table:
     table.add_column("state")
     for run in shown:
         load = "–" if run["mass_kg"] is None else f"{run['mass_kg']:g}"
-        row = [escape(run["run"][:12]), escape((run["measured_at"] or "–")[:TIME_WIDTH]), load]
-        row += [run["quality"] or "no result", _ratio(run["stiffness"]), _interval(run["stiffness"])]
+        row = [escape(run["run"][:12]), utc_minute(run["measured_at"]), load]
+        stiffness = run["stiffness"]
+        row += [run["quality"] or "no result", value_words(stiffness), interval_words(stiffness)]
         table.add_row(*row, _state(run["state"] if run["counts"] else "does not count"))
     return table
 
@@ -368,10 +293,10 @@ def verify_store(path: Path | None, *, as_json: bool) -> int:
     return WRONG_INPUT if found.faults else DONE
 
 
-def given_folder(path: Path | None) -> Path:
-    """Folder of ``--store``."""
+def given_folder(path: Path | None, name: str = "--store") -> Path:
+    """Folder of an option."""
     if path is None:
-        raise InputError("no store is given: give its folder (--store DIR), or set BALLSCREW_STORE.")
+        raise InputError(f"no store is given: give its folder ({name} DIR), or set BALLSCREW_STORE.")
     return path
 
 
@@ -458,3 +383,16 @@ def simulate_fleet_store(store: OpenStore, *, as_json: bool, **numbers: Any) -> 
     with progress_bar("simulate-fleet") as progress:
         document = simulate_fleet(store, progress=progress, **numbers)
     return _report(document, "Added: {axes} axes, {runs} runs, {cells} cells.".format_map(document), as_json)
+
+
+def report_store(store: OpenStore, axis: str | None, out: Path, *, as_json: bool) -> int:
+    """Write a report, and print its name."""
+    from ballscrew.store.reporting import report
+
+    with progress_bar(out.name) as progress:
+        document = report(store, axis, out=out, progress=progress)
+    if as_json:
+        print_json(document)
+    else:
+        console().print(f"Report: {out}", markup=False, soft_wrap=True)
+    return DONE

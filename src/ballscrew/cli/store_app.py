@@ -289,3 +289,22 @@ def reprocess(
         switch=switch,
         as_json=as_json,
     )
+
+
+def report(
+    out: Annotated[Path, option("File to write.", "FILE.html|FILE.pdf")],
+    axis: Annotated[
+        str | None, typer.Argument(metavar="[AXIS]", help="Name of an axis; by default all.")
+    ] = None,
+    data: Annotated[
+        Path | None, option("Data folder of the store.", "DIR", "--data", envvar="BALLSCREW_STORE")
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Write the state of an axis, or of all axes with the worst first, as one HTML or PDF file.
+
+    The numbers are those of `store show`. The store is only read, also while it is served.
+    """
+    from ballscrew.cli.store import open_store, report_store
+
+    return report_store(open_store(data, "--data"), axis, out, as_json=as_json)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.words import without_repeats
 from ballscrew.monitoring.state import RunState
 from ballscrew.prognosis.monitor import Monitored
-from ballscrew.report.canvas import check_drawing, save_figure
+from ballscrew.report.canvas import check_drawing
 from ballscrew.report.monitor_words import advice, headline, lamp
-from ballscrew.report.page import html_page, state_words
+from ballscrew.report.page import html_page, image_of, state_words
 
 
 def axis_page(monitored: Monitored, names: Mapping[str, str], failures: Sequence[str] = ()) -> str:
@@ -61,11 +58,8 @@ def _pictures(monitored: Monitored) -> list[tuple[str, str]]:
     state = monitored.state
     first, last = (run.reading.measured_at[:10] for run in (state.runs[0], state.runs[-1]))
     title = f"{state.axis or 'axis'}, {first} to {last}"  # the page begins with the headline
-    with TemporaryDirectory(prefix="ballscrew-") as folder:
-        path = Path(folder) / "axis.png"
-        save_figure(draw_monitor(monitored, title), path)
-        data = b64encode(path.read_bytes()).decode("ascii")
-    return [(f"data:image/png;base64,{data}", "Preload of every run, evidence of a loss, and forecast")]
+    image = image_of(draw_monitor(monitored, title))
+    return [(image, "Preload of every run, evidence of a loss, and forecast")]
 
 
 def _row(run: RunState, name: str) -> list[str]:

@@ -15,8 +15,9 @@ from ballscrew.base.files import replacing
 if TYPE_CHECKING:  # matplotlib is optional, and loaded when a picture is drawn
     from matplotlib.axes import Axes as Axes
     from matplotlib.figure import Figure as Figure
+    from matplotlib.figure import FigureBase as FigureBase
 else:
-    Axes = Figure = Any
+    Axes = Figure = FigureBase = Any
 
 # Okabe and Ito's palette: distinguishable with any colour vision.
 CONDITION_COLOURS = {"PA": "#0072B2", "PD": "#009E73", "NA": "#D55E00", "ND": "#CC79A7"}

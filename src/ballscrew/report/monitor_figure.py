@@ -14,9 +14,10 @@ from ballscrew.monitoring.state import HealthState, RunState
 from ballscrew.prognosis.monitor import Monitored
 from ballscrew.prognosis.result import Prognosis
 from ballscrew.report import canvas
-from ballscrew.report.canvas import Axes, Figure
+from ballscrew.report.canvas import Axes, Figure, FigureBase
 from ballscrew.report.measured import interval_bars
 from ballscrew.report.monitor_words import headline
+from ballscrew.report.trend_figure import few_dates
 
 _BANDS = ((0.05, 0.95, 0.16), (0.25, 0.75, 0.28))  # of the forecast: probabilities and opacity
 _AHEAD = 1.2  # times the remaining life that is drawn, where it is known
@@ -50,16 +51,8 @@ def draw_monitor(monitored: Monitored, title: str | None = None) -> Figure:
         Not yet written. Above P/P₀ of every run with its interval, events, the first alarm of each epoch and
         the remaining life; in the middle the evidence over the alarm threshold; below stage and causes.
     """
-    state = monitored.state
     figure = canvas.blank(9.8, 8.2)
-    grid = figure.add_gridspec(3, 2, height_ratios=(2.6, 1.0, 1.0), width_ratios=(1, 1.6))
-    preload = figure.add_subplot(grid[0, :])
-    evidence = figure.add_subplot(grid[1, :], sharex=preload)
-    draw_history(preload, monitored)
-    preload.tick_params(labelbottom=False)
-    _evidence(evidence, state)
-    _stage(figure.add_subplot(grid[2, 0]), state)
-    _causes(figure.add_subplot(grid[2, 1]), state)
+    draw_panels(figure, monitored)
     figure.suptitle(
         canvas.escape_dollars(fill(title or headline(monitored), 110)),
         fontsize=10.5,
@@ -68,6 +61,31 @@ def draw_monitor(monitored: Monitored, title: str | None = None) -> Figure:
         fontweight="bold",
     )
     return figure
+
+
+def draw_panels(
+    figure: FigureBase, monitored: Monitored, heights: tuple[float, float, float] = (2.6, 1.0, 1.0)
+) -> None:
+    """Draw the panels of :func:`draw_monitor` on a figure, or a part of one.
+
+    Parameters
+    ----------
+    figure : Figure or SubFigure
+        Empty, with a layout engine.
+    monitored : Monitored
+        As :func:`ballscrew.prognosis.monitor.monitor` returns it.
+    heights : tuple of float
+        Of its rows, relative to each other.
+    """
+    state = monitored.state
+    grid = figure.add_gridspec(3, 2, height_ratios=heights, width_ratios=(1, 1.6))
+    preload = figure.add_subplot(grid[0, :])
+    evidence = figure.add_subplot(grid[1, :], sharex=preload)
+    draw_history(preload, monitored)
+    preload.tick_params(labelbottom=False)
+    _evidence(evidence, state)
+    _stage(figure.add_subplot(grid[2, 0]), state)
+    _causes(figure.add_subplot(grid[2, 1]), state)
 
 
 def _when(run: RunState) -> datetime:
@@ -114,7 +132,7 @@ def draw_history(axes: Axes, monitored: Monitored) -> None:
         ncols=7, fontsize=9, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1, handletextpad=0.3,
         columnspacing=1.1, handlelength=1.4,
     )  # fmt: skip
-    _few_dates(axes)
+    few_dates(axes)
 
 
 def _nut(axes: Axes, state: HealthState) -> None:
@@ -260,14 +278,6 @@ def _evidence(axes: Axes, state: HealthState) -> None:
     axes.set_title("Evidence of wear", loc="left")
     axes.legend(ncols=2, fontsize=9, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1)
     axes.tick_params(axis="x", rotation=0)
-
-
-def _few_dates(axes: Axes) -> None:
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-
-    locator = AutoDateLocator(minticks=4, maxticks=9)  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
 
 
 def _relative(value: float, threshold: float) -> float:

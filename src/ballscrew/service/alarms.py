@@ -17,12 +17,10 @@ from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.monitoring.epochs import moment
 from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.serving import RefusedError, Service
+from ballscrew.store.alarms import alarm_documents
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
 from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, Message, RunRow, Setup, Trouble, Upload
-
-ENDED = ("ended", "retracted", "closed")
-"""States of an alarm that stands no longer."""
 
 router = APIRouter(prefix="/api/v1/alarms")
 
@@ -86,53 +84,6 @@ def _find_alarm(session: Session, name: str) -> tuple[str, AlarmRow | Trouble]:
     if row is None:
         raise RefusedError(404, "there is no such alarm; GET /api/v1/alarms lists them.")
     return kind, row
-
-
-def alarm_documents(session: Session) -> list[dict[str, Any]]:
-    """Alarms and troubles with their states, the newest first."""
-    actions: dict[str, list[AlarmAction]] = {}
-    for action in session.scalars(select(AlarmAction).order_by(AlarmAction.id)):
-        subject = f"alarm-{action.alarm_id}" if action.alarm_id else f"trouble-{action.trouble_id}"
-        actions.setdefault(subject, []).append(action)
-    found = []
-    for alarm, axis in session.execute(select(AlarmRow, Axis.name).join(Axis, Axis.id == AlarmRow.axis_id)):
-        common = {"id": f"alarm-{alarm.id}", "axis": axis, "kind": "axis", "text": "Loss of preload."}
-        found.append(common | _state_document(alarm, alarm.retracted_at, "retracted", actions))
-    for trouble, axis in session.execute(select(Trouble, Axis.name).join(Axis, Axis.id == Trouble.axis_id)):
-        common = {"id": f"trouble-{trouble.id}", "axis": axis, "kind": trouble.kind, "text": trouble.text}
-        found.append(common | _state_document(trouble, trouble.ended_at, "ended", actions, common["id"]))
-    return sorted(found, key=lambda each: str(each["raised_at"]), reverse=True)
-
-
-def standing_alarms(session: Session) -> list[dict[str, Any]]:
-    """Alarms and troubles that have not ended and were not closed, the newest first."""
-    return [each for each in alarm_documents(session) if each["state"] not in ENDED]
-
-
-def _state_document(
-    row: AlarmRow | Trouble,
-    ended_at: str | None,
-    end: str,
-    actions: dict[str, list[AlarmAction]],
-    name: str | None = None,
-) -> dict[str, Any]:
-    """State of an alarm by its end and by what people did."""
-    taken = actions.get(name or f"alarm-{row.id}", [])
-    state = taken[-1].action if taken else "raised"
-    if state == "shelved" and moment(taken[-1].until, "until") <= datetime.now(UTC):
-        state = "raised"
-    if ended_at is not None:
-        state = end
-    return {
-        "state": state,
-        "began_at": row.began_at,
-        "raised_at": row.raised_at,
-        "ended_at": ended_at,
-        "actions": [
-            {"action": each.action, "at": each.at, "by": each.actor, "until": each.until, "text": each.text}
-            for each in taken
-        ],
-    }
 
 
 def write_messages(session: Session, axis: Axis) -> None:

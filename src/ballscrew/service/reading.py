@@ -22,11 +22,11 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.service.access import AdminCaller, AnyCaller, RunningService
 from ballscrew.service.jobs import ANALYSE, ASSESS, enqueue, job_documents
-from ballscrew.service.lamps import add_lamps
 from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_document
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.stored_runs import result_document
 from ballscrew.store.explaining import find_explanation
+from ballscrew.store.lamps import add_lamps
 from ballscrew.store.opened import record
 from ballscrew.store.reading import find_axis, list_axes
 from ballscrew.store.showing import show_axis

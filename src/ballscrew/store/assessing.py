@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import plain
 from ballscrew.base.provenance import digest
 from ballscrew.base.quantity import Quantity
+from ballscrew.calibration.assumptions import Assumptions, Priors
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.checkpoint import Checkpoint
 from ballscrew.monitoring.detection.chart import Chart
@@ -205,9 +206,69 @@ def store_assessment(session: Session, made: MadeAssessment) -> bool:
     history = made.history
     if history_key(session, find_axis(session, history.axis.name)) != history.key:
         return False
-    inputs = digest({"history": history.key, "version": __version__, "stated": plain(made.stated)})
-    _store(session, history, made.monitored, inputs, made.stated)
+    _store(session, history, made.monitored, _inputs(history.key, made.stated), made.stated)
     return True
+
+
+def newest_assessment(
+    store: OpenStore, axis: str, inputs: str, stated: Mapping[str, Any]
+) -> Monitored | None:
+    """The newest assessment of an axis, made again from the same inputs and therefore with the same result.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store, which is only read.
+    axis : str
+        Name of the axis.
+    inputs : str
+        Digest of its inputs; empty without an assessment.
+    stated : mapping
+        Its settings.
+
+    Returns
+    -------
+    Monitored or None
+        None if the newest assessment is not of the present history by this version, or of counters of duty,
+        which are not stored.
+
+    Raises
+    ------
+    InputError
+        If the axis has no model, or as :func:`compute_assessment` raises.
+    """
+    with store.read() as session:
+        key = history_key(session, find_axis(session, axis))
+        if _inputs(key, stated) != inputs:
+            return None
+    try:
+        duty = None if stated["duty"] == repr(None) else float(stated["duty"])
+    except ValueError:
+        return None
+    made = compute_assessment(
+        store,
+        axis,
+        settings=_settings(stated["settings"]),
+        failure=Failure(**stated["failure"]),
+        largest_load=stated["largest_load"],
+        duty=duty,
+        accept=stated["accept"],
+    )
+    if _inputs(made.history.key, made.stated) != inputs:  # a run was added meanwhile
+        return None
+    return made.monitored
+
+
+def _settings(stated: Mapping[str, Any]) -> MonitorSettings:
+    """Settings of the detection as they were stored."""
+    assumptions = dict(stated["assumptions"])
+    assumptions["priors"] = Priors(**assumptions["priors"])
+    return MonitorSettings(**dict(stated) | {"assumptions": Assumptions(**assumptions)})
+
+
+def _inputs(history: str, stated: Mapping[str, Any]) -> str:
+    """Digest of all that an assessment follows from."""
+    return digest({"history": history, "version": __version__, "stated": plain(stated)})
 
 
 def _notes(history: StoredHistory, reason: str | None) -> tuple[str, ...]:

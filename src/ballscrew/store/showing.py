@@ -64,41 +64,43 @@ def show_axis(store: OpenStore, name: str) -> dict[str, Any]:
         If there is no such axis.
     """
     with store.read() as session:
-        axis = find_axis(session, name)
-        assessment = None
-        if axis.assessment_id is not None:
-            assessment = session.get(Assessment, axis.assessment_id)
-        method = find_method(session, axis)
-        alarms = session.scalars(
-            select(AlarmRow).where(AlarmRow.axis_id == axis.id).order_by(AlarmRow.id)
-        ).all()
-        of_run, of_event = Exclusion.run_id == RunRow.id, Exclusion.event_id == EventRow.id
-        excluded = session.execute(
-            select(RunRow.run, EventRow.digest, Exclusion)
-            .select_from(Exclusion)
-            .outerjoin(RunRow, of_run)
-            .outerjoin(EventRow, of_event)
-            .where(or_(RunRow.axis_id == axis.id, EventRow.axis_id == axis.id))
-            .order_by(Exclusion.id)
-        ).all()
-        events = session.scalars(
-            select(EventRow).where(EventRow.axis_id == axis.id).order_by(EventRow.time, EventRow.digest)
-        ).all()
-        return {
-            "schema": SCHEMA,
-            "axis": axis.name,
-            "method": None if method is None else {"name": method.name, "revision": method.revision},
-            **assessment_document(assessment, axis.changed_at),
-            "runs": _runs_document(session, axis, method, trend(session, axis)),
-            "alarms": [_named(row, "epoch", "began_at", "raised_at", "retracted_at") for row in alarms],
-            "events": [_named(row, "digest", "at", "kind", "text") for row in events],
-            "exclusions": [
-                {"run": run, "event": event} | _named(row, "reason", "actor", "begun_at", "ended_at")
-                for run, event, row in excluded
-            ],
-            "corrections": _corrections(session, axis),
-            **_conflicts(session, axis),
-        }
+        return axis_document(session, find_axis(session, name))
+
+
+def axis_document(session: Session, axis: Axis) -> dict[str, Any]:
+    """As :func:`show_axis`, in a transaction that has begun."""
+    assessment = None
+    if axis.assessment_id is not None:
+        assessment = session.get(Assessment, axis.assessment_id)
+    method = find_method(session, axis)
+    alarms = session.scalars(select(AlarmRow).where(AlarmRow.axis_id == axis.id).order_by(AlarmRow.id)).all()
+    of_run, of_event = Exclusion.run_id == RunRow.id, Exclusion.event_id == EventRow.id
+    excluded = session.execute(
+        select(RunRow.run, EventRow.digest, Exclusion)
+        .select_from(Exclusion)
+        .outerjoin(RunRow, of_run)
+        .outerjoin(EventRow, of_event)
+        .where(or_(RunRow.axis_id == axis.id, EventRow.axis_id == axis.id))
+        .order_by(Exclusion.id)
+    ).all()
+    events = session.scalars(
+        select(EventRow).where(EventRow.axis_id == axis.id).order_by(EventRow.time, EventRow.digest)
+    ).all()
+    return {
+        "schema": SCHEMA,
+        "axis": axis.name,
+        "method": None if method is None else {"name": method.name, "revision": method.revision},
+        **assessment_document(assessment, axis.changed_at),
+        "runs": _runs_document(session, axis, method, trend(session, axis)),
+        "alarms": [_named(row, "epoch", "began_at", "raised_at", "retracted_at") for row in alarms],
+        "events": [_named(row, "digest", "at", "kind", "text") for row in events],
+        "exclusions": [
+            {"run": run, "event": event} | _named(row, "reason", "actor", "begun_at", "ended_at")
+            for run, event, row in excluded
+        ],
+        "corrections": _corrections(session, axis),
+        **_conflicts(session, axis),
+    }
 
 
 def _named(row: Any, *names: str) -> dict[str, Any]:

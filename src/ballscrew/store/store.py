@@ -12,6 +12,7 @@ from ballscrew.store import (
     migrating,
     opened,
     reading,
+    reporting,
     reprocessing,
     showing,
 )
@@ -52,5 +53,6 @@ class Store(opened.OpenStore):
     verify = staticmethod(checking.verify)
     gc = checking.gc
     migrate = staticmethod(migrating.migrate)
+    report = reporting.report
     reprocess = reprocessing.reprocess
     simulate_fleet = fleet.simulate_fleet

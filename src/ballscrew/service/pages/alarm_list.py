@@ -9,10 +9,11 @@ from fastapi.responses import HTMLResponse, Response
 
 from ballscrew.base.errors import BallscrewError
 from ballscrew.service.access import AdminCaller, RunningService
-from ballscrew.service.alarms import ENDED, Action, act, alarm_documents
+from ballscrew.service.alarms import Action, act
 from ballscrew.service.pages.forms import Outcome, PostedForm, entered, go_to, refusal
 from ballscrew.service.pages.rendering import render
 from ballscrew.service.serving import RefusedError, Service
+from ballscrew.store.alarms import ENDED, alarm_documents
 
 router = APIRouter(include_in_schema=False)
 

@@ -11,10 +11,10 @@ from sqlalchemy.orm import Session
 
 from ballscrew.base.provenance import digest
 from ballscrew.service.access import AdminCaller, RunningService
-from ballscrew.service.alarms import alarm_documents
 from ballscrew.service.pages.rendering import render
 from ballscrew.service.reading import axis_document
 from ballscrew.service.serving import RefusedError, Service
+from ballscrew.store.alarms import alarm_documents
 from ballscrew.store.reading import find_axis
 from ballscrew.store.tables import Assessment, Axis, EpochRow, MachineRow, Method
 

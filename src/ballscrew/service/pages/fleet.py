@@ -13,10 +13,10 @@ from sqlalchemy import Integer, cast, select
 from sqlalchemy.orm import Session
 
 from ballscrew.service.access import AdminCaller, RunningService
-from ballscrew.service.alarms import standing_alarms
-from ballscrew.service.lamps import URGENCY
 from ballscrew.service.pages.rendering import render
 from ballscrew.service.reading import fleet_document
+from ballscrew.store.alarms import standing_alarms
+from ballscrew.store.lamps import URGENCY
 from ballscrew.store.tables import Axis, StateRow
 
 router = APIRouter(include_in_schema=False)

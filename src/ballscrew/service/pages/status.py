@@ -9,13 +9,13 @@ from fastapi.responses import HTMLResponse
 from sqlalchemy import func, select
 
 from ballscrew.service.access import AdminCaller, RunningService
-from ballscrew.service.alarms import standing_alarms
 from ballscrew.service.health import Workers, age_s, ready_workers, unready, wal_bytes
 from ballscrew.service.jobs import job_documents
 from ballscrew.service.pages.rendering import render
 from ballscrew.service.runs import SET_ASIDE
 from ballscrew.service.serving import Service
 from ballscrew.service.tokens import list_tokens
+from ballscrew.store.alarms import standing_alarms
 from ballscrew.store.tables import Axis, Upload
 
 router = APIRouter(include_in_schema=False)

@@ -1,0 +1,141 @@
+"""Blocks of the report of a store: the fleet, the worst axis first, and the pages of its axes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from itertools import pairwise
+from statistics import median
+
+from ballscrew.base.words import NONE, interval_words, life_words, value_words
+from ballscrew.monitoring.epochs import moment
+from ballscrew.report.blocks import (
+    UNKNOWN,
+    AxisLink,
+    PageHeading,
+    ReportBlock,
+    ReportTable,
+    Sentences,
+    StateStrip,
+    StateWords,
+    TableCell,
+    TableColumn,
+    short_name,
+)
+from ballscrew.report.stored_axis import (
+    StoredAxis,
+    axis_blocks,
+    due_words,
+    last_words,
+    measurement_words,
+    state_words,
+)
+from ballscrew.report.stored_words import utc_minute
+
+_YEAR = timedelta(days=365)
+_AFTER = timedelta(days=7)  # the newest run, where the year ends with it
+_FOLLOWS = 1.5  # times the usual time between two runs: the longest that a state is drawn
+_LEAST_PART = 1 / 250  # of a strip
+_URGENCY = {"alarm": 1, "unloaded": 1, "watch": 3, "suspect": 4, UNKNOWN: 4, "learning": 6, "normal": 7}
+_LEGEND = "Strip: state of each run of the year, the higher the worse; a gap is a time without runs."
+
+
+def urgency_of(axis: StoredAxis) -> tuple[int, str]:
+    """Order of an axis among others, the worst first."""
+    rank = _URGENCY.get(state_words(axis).lamp, 4)
+    if rank > 2 and axis.preload_alarms:
+        rank = 2
+    elif rank > 5 and axis.troubles:
+        rank = 5
+    elif axis.document["urgency"] == "now":
+        rank = 0
+    return rank, axis.name
+
+
+def report_blocks(axes: Sequence[StoredAxis], at: datetime, *, fleet: bool) -> list[ReportBlock]:
+    """Blocks of a report.
+
+    Parameters
+    ----------
+    axes : sequence of StoredAxis
+        The axes, the worst first.
+    at : datetime
+        Time of the report.
+    fleet : bool
+        Whether a page of all axes comes first.
+
+    Returns
+    -------
+    list of ReportBlock
+        In the order of reading.
+    """
+    anchors = [f"axis-{number}" for number in range(1, len(axes) + 1)]
+    blocks: list[ReportBlock] = []
+    if fleet:
+        blocks += _fleet(axes, anchors, at)
+    for axis, anchor in zip(axes, anchors, strict=True):
+        blocks += axis_blocks(axis, at, anchor)
+    return blocks
+
+
+def _fleet(axes: Sequence[StoredAxis], anchors: Sequence[str], at: datetime) -> list[ReportBlock]:
+    heading = PageHeading("State of the axes", f"as of {at:%Y-%m-%d %H:%M} UTC · all times are UTC", "fleet")
+    if not axes:
+        return [heading, StateWords(UNKNOWN, "The store has no axis.")]
+    begin, end = _period(axes, at)
+    period = f"{begin:%Y-%m-%d} to {end:%Y-%m-%d}"
+    columns = (
+        TableColumn("state", 2.3), TableColumn("axis", 2.4), TableColumn("machine", 1.8),
+        TableColumn("stiffness as P/P₀", 1.4, right=True), TableColumn("95 %", 2.35, right=True),
+        TableColumn("remaining life, days (90 %)", 1.9, right=True), TableColumn("last run", 2.65),
+        TableColumn("next run due", 2.65), TableColumn("standing alarm", 2.1),
+        TableColumn("measurement", 2.15), TableColumn(period, 3.3),
+    )  # fmt: skip
+    rows = []
+    for axis, anchor in zip(axes, anchors, strict=True):
+        link = AxisLink(short_name(axis.name), anchor)
+        rows.append(_row(axis, link, at, _strip(axis, begin, end)))
+    states = Counter(state_words(axis).lamp for axis in axes)
+    counts = [f"{states[state]} {state}" for state in _URGENCY if state in states]
+    worst = state_words(axes[0]).lamp
+    number = "1 axis" if len(axes) == 1 else f"{len(axes)} axes"
+    conclusion = StateWords(worst, f"{number}: {', '.join(counts)}")
+    return [heading, conclusion, ReportTable(columns, tuple(rows)), Sentences(_LEGEND, soft=True)]
+
+
+def _row(axis: StoredAxis, link: AxisLink, at: datetime, strip: StateStrip) -> tuple[TableCell, ...]:
+    stiffness = axis.document["stiffness"]
+    alarms = [f"since {utc_minute(each['began_at'])[:10]}, {each['state']}" for each in axis.preload_alarms]
+    return (
+        state_words(axis), link, short_name(", ".join(axis.place)) or NONE, value_words(stiffness),
+        interval_words(stiffness), life_words(axis.document["rul_days"]), last_words(axis, at),
+        due_words(axis), "; ".join(alarms) or NONE, measurement_words(axis), strip,
+    )  # fmt: skip
+
+
+def _period(axes: Sequence[StoredAxis], at: datetime) -> tuple[datetime, datetime]:
+    """The last year; of a store without runs in it, the year until its newest run."""
+    newest = []
+    for axis in axes:
+        newest += [moment(run["measured_at"], "a run") for run in axis.counting[-1:]]
+    end = at
+    if newest and max(newest) < at - _YEAR:
+        end = max(newest) + _AFTER
+    return end - _YEAR, end
+
+
+def _strip(axis: StoredAxis, begin: datetime, end: datetime) -> StateStrip:
+    """States of the runs of a period, each until the next run unless that is long after it."""
+    runs = [(moment(run["measured_at"], "a run"), run["state"]) for run in axis.counting]
+    gaps = [(later - earlier) / _YEAR for (earlier, _), (later, _) in pairwise(runs)]
+    longest = _LEAST_PART
+    if gaps:
+        longest = max(_FOLLOWS * median(gaps), _LEAST_PART)
+    parts = []
+    for (when, state), gap in zip(runs, [*gaps, longest], strict=True):
+        first = (when - begin) / (end - begin)
+        last = first + max(min(gap, longest), _LEAST_PART)
+        if last > 0 and first < 1 and state != UNKNOWN:
+            parts.append((max(first, 0.0), min(last, 1.0), state))
+    return StateStrip(tuple(parts))

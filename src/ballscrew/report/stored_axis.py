@@ -1,0 +1,401 @@
+"""An axis of a store as a report shows it: its state, and the blocks of its pages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from ballscrew.base.words import NONE, interval_words, life_words, nut_words, percent, plural, value_words
+from ballscrew.monitoring.epochs import moment
+from ballscrew.prognosis.monitor import Monitored
+from ballscrew.report.blocks import (
+    UNKNOWN,
+    DrawnPicture,
+    PageHeading,
+    ReportBlock,
+    ReportTable,
+    SectionHeading,
+    Sentences,
+    StateWords,
+    TableCell,
+    TableColumn,
+    listed,
+    short_name,
+)
+from ballscrew.report.canvas import FigureBase
+from ballscrew.report.stored_words import RUN_WIDTH, changes, exclusions, stored_headline, utc_minute
+
+_NEWEST = 30  # runs in the table
+_BECAUSE = {
+    "overdue": "its run is overdue",
+    "old": "its last run is old",
+    "set aside": "its newest run was set aside",
+}
+_TROUBLES = {"silence": "no run", "measurement": "bad", "assessment": "cannot be assessed"}
+_ROWS = (2.0, 0.9, 1.3)  # heights of the rows of a picture that is less high than by itself
+_DAY = len("2026-01-31")
+_LEAST_SHOWN = 0.001  # probability of a cause
+_TREND_CAPTION = "Axial stiffness of every run by the newest assessment, which is not of the present history"
+_CAPTION = "Preload of every run, evidence of a loss, stage, causes and forecast"
+
+
+@dataclass(frozen=True, eq=False)
+class StoredAxis:
+    """What a store has about an axis.
+
+    Parameters
+    ----------
+    document : dict
+        As ``store show --json`` prints it, with its lamp and when the next run is due.
+    place : tuple of str
+        Machine and site, as far as they are known.
+    alarms : tuple of dict
+        Its alarms and the troubles with its measurements, those that stand first.
+    standing : int
+        How many of these stand.
+    epochs : tuple of dict
+        By the newest assessment.
+    made : dict
+        How the newest assessment was made; empty without one.
+    explained : dict
+        What the newest assessment says beside its numbers; empty without one.
+    monitored : Monitored or None
+        The newest assessment; None where there is none of the present history by this version.
+    why : str
+        Sentence why it is None.
+    """
+
+    document: dict[str, Any]
+    place: tuple[str, ...]
+    alarms: tuple[dict[str, Any], ...]
+    standing: int
+    epochs: tuple[dict[str, Any], ...]
+    made: dict[str, Any]
+    explained: dict[str, Any]
+    monitored: Monitored | None
+    why: str
+
+    @property
+    def name(self) -> str:
+        """Name of the axis."""
+        return str(self.document["axis"])
+
+    @property
+    def preload_alarms(self) -> tuple[dict[str, Any], ...]:
+        """Alarms of the axis that stand."""
+        return tuple(each for each in self.alarms[: self.standing] if each["kind"] == "axis")
+
+    @property
+    def troubles(self) -> tuple[dict[str, Any], ...]:
+        """Troubles with its measurements that stand."""
+        return tuple(each for each in self.alarms[: self.standing] if each["kind"] != "axis")
+
+    @property
+    def counting(self) -> list[dict[str, Any]]:
+        """Runs that count and have a time, the newest last."""
+        return [run for run in self.document["runs"] if run["counts"] and run["measured_at"]]
+
+
+def state_words(axis: StoredAxis) -> StateWords:
+    """State of an axis by its lamp: never normal where nothing is known."""
+    state, lamp = axis.document["state"], axis.document["lamp"]
+    if lamp["because"] is not None:
+        return StateWords(UNKNOWN, f"unknown, {_BECAUSE[lamp['because']]}; {state} before")
+    if state == UNKNOWN:
+        last = axis.document["last_state"]
+        return StateWords(UNKNOWN, f"unknown, {last} before" if last else UNKNOWN)
+    words = str(lamp["state"])
+    if axis.document["urgency"] == "now":
+        words += ", urgent"
+    if axis.document["reasons"]:
+        words += " (suspect)"
+    return StateWords(lamp["state"], words)
+
+
+def measurement_words(axis: StoredAxis) -> str:
+    """What is wrong with the measurements of an axis, else the verdict on its newest run."""
+    found = []
+    for each in axis.troubles:
+        kind = _TROUBLES.get(each["kind"], each["kind"])
+        found.append(f"{kind} since {utc_minute(each['began_at'])[:_DAY]}")
+    if found:
+        return "; ".join(found)
+    if not axis.counting:
+        return NONE
+    return axis.counting[-1]["quality"] or "no result"
+
+
+def due_words(axis: StoredAxis) -> str:
+    """When the next run of an axis is due."""
+    due = axis.document["due_at"]
+    if due is None:
+        return "no schedule"
+    words = _unbroken(utc_minute(due))
+    if axis.document["lamp"]["because"] == "overdue":
+        return f"{words}, overdue"
+    return words
+
+
+def last_words(axis: StoredAxis, at: datetime) -> str:
+    """Time of the newest run of an axis, and how long ago that is."""
+    if not axis.counting:
+        return "no run"
+    newest = axis.counting[-1]["measured_at"]
+    days = (at - moment(newest, "a run")).total_seconds() / 86400
+    if days < 0:
+        return f"{utc_minute(newest)}, in the future"
+    return f"{_unbroken(utc_minute(newest))} {_unbroken(f'{days:.0f} d ago')}"
+
+
+def _unbroken(text: str) -> str:
+    """A text that stays on one line."""
+    return text.replace(" ", "\N{NO-BREAK SPACE}")
+
+
+def axis_blocks(axis: StoredAxis, at: datetime, anchor: str) -> list[ReportBlock]:
+    """Pages of an axis.
+
+    Parameters
+    ----------
+    axis : StoredAxis
+        The axis.
+    at : datetime
+        Time of the report.
+    anchor : str
+        Name of the page in the file.
+
+    Returns
+    -------
+    list of ReportBlock
+        First what to do and the picture, then alarms, events, runs and how the numbers were made.
+    """
+    place = [short_name(each) for each in axis.place]
+    below = " · ".join([*place, f"as of {at:%Y-%m-%d %H:%M} UTC", "all times are UTC"])
+    blocks: list[ReportBlock] = [PageHeading(short_name(axis.name), below, anchor)]
+    blocks += [_conclusion(axis), SectionHeading("What to do"), *listed(_actions(axis))]
+    blocks.append(_key_numbers(axis, at))
+    blocks += _picture(axis)
+    for title, tables in (
+        ("Alarms and actions", _alarms(axis.alarms)),
+        ("Forecast", listed(_forecast(axis))),
+        ("Causes", _causes(axis)),
+        ("Doubts", listed(_doubts(axis))),
+        ("Events, exclusions and corrections", _events(axis.document)),
+        ("Epochs", _epochs(axis.epochs)),
+        (_runs_title(axis.document["runs"]), _runs(axis.document["runs"])),
+        ("How the numbers were made", _made(axis)),
+    ):
+        if tables:
+            blocks += [SectionHeading(title), *tables]
+    return blocks
+
+
+def _picture(axis: StoredAxis) -> list[ReportBlock]:
+    """Picture of the newest assessment, or of the stored states of the runs."""
+
+    def draw(figure: FigureBase) -> None:
+        from ballscrew.report.monitor_figure import draw_panels
+
+        if axis.monitored is not None:
+            draw_panels(figure, axis.monitored, _ROWS)
+
+    def draw_runs(figure: FigureBase) -> None:
+        from ballscrew.report.trend_figure import draw_trend
+
+        draw_trend(figure.subplots(), axis.document)
+
+    if axis.monitored is not None:
+        return [DrawnPicture(draw, _CAPTION, 150.0)]
+    if any(run["stiffness"] for run in axis.counting):
+        return [DrawnPicture(draw_runs, _TREND_CAPTION, 85.0)]
+    return []
+
+
+def _conclusion(axis: StoredAxis) -> StateWords:
+    """State in one line; that of the newest assessment, unless nothing is known since."""
+    state = state_words(axis)
+    if not axis.explained:
+        return StateWords(state.lamp, stored_headline(axis.document).removeprefix(f"{axis.name}: "))
+    words = axis.explained["headline"].removeprefix(f"{axis.name}: ")
+    because = axis.document["lamp"]["because"]
+    if because is not None:
+        words = f"UNKNOWN, {_BECAUSE[because]}; before: {words}"
+    return StateWords(state.lamp, words)
+
+
+def _actions(axis: StoredAxis) -> list[str]:
+    found = [f"Measurement: {each['text']}" for each in axis.troubles]
+    if axis.document["lamp"]["because"] in ("overdue", "old"):
+        found.append("Run the test: nothing is known of the axis since its last run.")
+    elif axis.explained:
+        found += axis.explained["actions"]
+    return [*found, axis.why] if axis.why else found
+
+
+def _key_numbers(axis: StoredAxis, at: datetime) -> ReportTable:
+    document = axis.document
+    nut = None
+    if axis.counting:
+        nut = axis.counting[-1]["nut"]
+    columns = (
+        TableColumn("stiffness as P/P₀", 1.1, right=True),
+        TableColumn("95 %", 1.2, right=True),
+        TableColumn("nut as P/P₀, 95 %", 1.1, right=True),
+        TableColumn("remaining life, days (90 %)", 1.5, right=True),
+        TableColumn("last run", 1.7),
+        TableColumn("next run due", 1.4),
+        TableColumn("measurement", 1.6),
+    )
+    stiffness = document["stiffness"]
+    row = (
+        value_words(stiffness), interval_words(stiffness), nut_words(nut), life_words(document["rul_days"]),
+        last_words(axis, at), due_words(axis), measurement_words(axis),
+    )  # fmt: skip
+    return ReportTable(columns, (row,))
+
+
+def _alarms(alarms: Sequence[dict[str, Any]]) -> list[ReportBlock]:
+    columns = (
+        TableColumn("alarm", 1.0), TableColumn("state", 1.0), TableColumn("began", 1.2),
+        TableColumn("raised", 1.2), TableColumn("ended", 1.2), TableColumn("text", 2.4),
+        TableColumn("actions", 3.2),
+    )  # fmt: skip
+    rows: list[tuple[TableCell, ...]] = []
+    for each in alarms:
+        kind = StateWords("suspect", each["kind"])
+        if each["kind"] == "axis":
+            kind = StateWords("alarm", "preload")
+        times = [utc_minute(each[name]) for name in ("began_at", "raised_at", "ended_at")]
+        actions = "; ".join(map(_action, each["actions"])) or NONE
+        rows.append((kind, each["state"], *times, each["text"], actions))
+    return _table(columns, rows)
+
+
+def _action(action: dict[str, Any]) -> str:
+    words = f"{action['action']} {utc_minute(action['at'])} by {action['by']}"
+    if action["until"]:
+        words += f" until {utc_minute(action['until'])}"
+    return f"{words}: {action['text']}" if action["text"] else words
+
+
+def _table(columns: tuple[TableColumn, ...], rows: Iterable[tuple[TableCell, ...]]) -> list[ReportBlock]:
+    found = tuple(rows)
+    return [ReportTable(columns, found)] if found else []
+
+
+def _forecast(axis: StoredAxis) -> list[str]:
+    prognosis = axis.explained.get("prognosis") or {}
+    return list(prognosis.get("statement", ()))
+
+
+def _causes(axis: StoredAxis) -> list[ReportBlock]:
+    columns = (TableColumn("cause", 1.2), TableColumn("probability", 0.7, right=True), TableColumn("", 5.0))
+    rows = []
+    for each in axis.explained.get("state", {}).get("causes", ()):
+        probability = f"below {percent(_LEAST_SHOWN)}"
+        if each["probability"] >= _LEAST_SHOWN:
+            probability = percent(each["probability"])
+        rows.append((each["cause"], probability, each["evidence"]))
+    return _table(columns, rows)
+
+
+def _doubts(axis: StoredAxis) -> list[str]:
+    if not axis.explained:
+        return [f"Suspect: {reason}" for reason in axis.document["reasons"]]
+    state = axis.explained["state"]
+    found = [f"Suspect: {reason}" for reason in state["reasons"]]
+    found += [f"Nut: {reason}" for reason in state["nut_reasons"]]
+    if state["not_judged"]:
+        found.append(f"Not judged: {state['not_judged']}")
+    return [*found, *state["notes"]]
+
+
+def _events(document: dict[str, Any]) -> list[ReportBlock]:
+    columns = (TableColumn("event", 1.0), TableColumn("what", 1.3), TableColumn("text", 6.0))
+    rows = [(utc_minute(each["at"]), each["kind"], each["text"] or NONE) for each in document["events"]]
+    return [*_table(columns, rows), *listed([*exclusions(document), *changes(document)])]
+
+
+def _epochs(epochs: Sequence[dict[str, Any]]) -> list[ReportBlock]:
+    columns = (
+        TableColumn("epoch", 0.5, right=True), TableColumn("begins", 1.2), TableColumn("ends", 1.2),
+        TableColumn("begun by", 2.4), TableColumn("reference run", 1.2), TableColumn("alarm began", 1.2),
+    )  # fmt: skip
+    rows = []
+    for each in epochs:
+        begins = "first run"
+        if each["begins"]:
+            begins = utc_minute(each["begins"])
+        times = (begins, utc_minute(each["ends"]))
+        reference = (each["reference"] or NONE)[:RUN_WIDTH]
+        rows.append(
+            (str(each["number"]), *times, each["cause"] or NONE, reference, utc_minute(each["alarm_at"]))
+        )
+    return _table(columns, rows)
+
+
+def _runs_title(runs: Sequence[dict[str, Any]]) -> str:
+    if len(runs) > _NEWEST:
+        return f"Newest {_NEWEST} of {plural(len(runs), 'run')}"
+    return plural(len(runs), "run").capitalize()
+
+
+def _runs(runs: Sequence[dict[str, Any]]) -> list[ReportBlock]:
+    columns = (
+        TableColumn("measured at", 1.3), TableColumn("state", 1.2), TableColumn("measurement", 0.9),
+        TableColumn("stiffness as P/P₀", 1.1, right=True), TableColumn("95 %", 1.2, right=True),
+        TableColumn("nut as P/P₀, 95 %", 1.2, right=True), TableColumn("load, kg", 0.7, right=True),
+        TableColumn("temperature, °C", 1.1, right=True), TableColumn("run", 1.2),
+    )  # fmt: skip
+    return _table(columns, (_run(run) for run in reversed(runs[-_NEWEST:])))
+
+
+def _run(run: dict[str, Any]) -> tuple[TableCell, ...]:
+    state = StateWords(run["state"], run["state"])
+    if not run["counts"]:
+        state = StateWords(UNKNOWN, "does not count")
+    stiffness = run["stiffness"]
+    return (
+        utc_minute(run["measured_at"]), state, run["quality"] or "no result", value_words(stiffness),
+        interval_words(stiffness), nut_words(run["nut"]), _number(run["mass_kg"]),
+        _number(run["temperature_C"]), run["run"][:RUN_WIDTH],
+    )  # fmt: skip
+
+
+def _number(value: float | None) -> str:
+    return NONE if value is None else f"{value:g}"
+
+
+def _made(axis: StoredAxis) -> list[ReportBlock]:
+    columns = (TableColumn("", 1.0), TableColumn("", 6.0))
+    rows = tuple(_made_rows(axis))
+    hint = "'ballscrew store show RUN' prints the recordings, readers, documents and settings of a run."
+    return [*_table(columns, rows), Sentences(hint, soft=True)]
+
+
+def _made_rows(axis: StoredAxis) -> Iterator[tuple[str, str]]:
+    method = axis.document["method"]
+    if method is not None:
+        yield "analysis", f"method {method['name']}, revision {method['revision']}"
+    made = axis.made
+    if made:
+        yield (
+            "assessment",
+            f"ballscrew {made['version']}, {utc_minute(made['made_at'])}, of {made['runs']} runs",
+        )
+        yield "its inputs", f"digest {made['inputs']}"
+        yield "model", f"digest {made['model_digest']}"
+        settings = made["settings"]
+        detection, failure = settings.get("settings", {}), settings.get("failure", {})
+        words = [f"false alarms per year {_number(detection.get('false_alarms_per_year'))}"]
+        words.append(f"end of life at P/P₀ {_number(failure.get('preload_ratio'))}")
+        if settings.get("largest_load") is not None:
+            words.append(f"largest load {_number(settings['largest_load'])} N")
+        if settings.get("accept"):
+            words.append(f"accepted doubts {', '.join(settings['accept'])}")
+        yield "settings", "; ".join(words)
+    newest = [run["run"] for run in axis.counting[-3:]]
+    if newest:
+        yield "newest runs", ", ".join(reversed(newest))
