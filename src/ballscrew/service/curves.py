@@ -153,7 +153,9 @@ def _times(session: Session, rows: Any, axis: Axis, *names: str) -> list[dict[st
 def _trend_columns(session: Session, axis: Axis) -> dict[str, list[Any]]:
     """Columns of the runs that count."""
     states = trend(session, axis)
-    verdicts = dict(session.execute(_results(axis, find_method(session, axis), ResultRow.verdict)).all())
+    verdicts: dict[int, str] = {}
+    results = session.execute(_results(axis, find_method(session, axis), ResultRow.verdict))
+    verdicts.update((number, verdict) for number, verdict in results)
     columns = (StateRow.run_id, StateRow.ramp, StateRow.ramp_limit, StateRow.odds, StateRow.odds_limit)
     evidence = {
         number: (_over(ramp, ramp_limit), _over(odds, odds_limit))
