@@ -26,7 +26,7 @@ from ballscrew.modal.run import Run
 from ballscrew.reproduction.plant import CHANNELS, PLANT, SITE, PlantAxis
 from ballscrew.reproduction.plant_runs import AxisHistory, make_history
 from ballscrew.service.access import Caller
-from ballscrew.service.alarms import Action, act, alarm_documents, watch_for_silence
+from ballscrew.service.alarms import Action, act, watch_for_silence
 from ballscrew.service.axes import AxisSetup, NewEvent, Schedule, add_axis_events, add_axis_model, set_up_axis
 from ballscrew.service.jobs import ANALYSE, ASSESS, Lease, request_assessment
 from ballscrew.service.runs import QUEUED, Completion, SentFile, complete_run, store_result
@@ -35,6 +35,7 @@ from ballscrew.service.settings import read_settings
 from ballscrew.service.uploads import store_file
 from ballscrew.service.working import AssessmentTask, do_task, finish
 from ballscrew.store.adding import reader_of
+from ballscrew.store.alarms import alarm_documents
 from ballscrew.store.folder import DataFolder, at_time, now
 from ballscrew.store.opened import create_store
 from ballscrew.store.reading import find_axis
