@@ -22,7 +22,7 @@ from ballscrew.report.blocks import (
     StateStrip,
     StateWords,
     TableColumn,
-    one_line,
+    single_line,
 )
 from ballscrew.report.pdf_pages import write_pdf
 
@@ -38,7 +38,7 @@ def test_lines_are_no_wider_than_their_column_and_no_letter_is_lost(
         lines = wrapped(text, width, 9.0, bold=bold)
     for line in lines:
         assert sum(_advance(letter, bold) for letter in line) * 9.0 * POINT <= width + 1e-6 or len(line) == 1
-    assert "".join(lines).replace(" ", "") == one_line(text).replace(" ", "")
+    assert "".join(lines).replace(" ", "") == single_line(text).replace(" ", "")
 
 
 def test_a_long_table_goes_on_with_its_heading_on_the_next_page(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
-from ballscrew.report.blocks import StateStrip, height_of, look_of, one_line
+from ballscrew.report.blocks import StateStrip, height_of, look_of, single_line
 from ballscrew.report.canvas import Figure
 
 WIDTH, HEIGHT = 297.0, 210.0
@@ -85,7 +85,7 @@ def wrapped(text: str, width: float, size: float, *, bold: bool = False) -> list
     """Lines of a text that are no wider than a width in mm; a long word is divided."""
     lines, line, used = [], "", 0.0
     space = _advance(" ", bold) * size * _POINT
-    for word in one_line(text).split(" "):
+    for word in single_line(text).split(" "):
         for piece in _pieces(word, width, size, bold=bold):
             wide = sum(_advance(letter, bold) for letter in piece) * size * _POINT
             if line and used + space + wide > width:

@@ -199,10 +199,10 @@ def short_name(name: str) -> str:
     """A name on one line, without control characters, cut where it is very long."""
     if len(name) > _LONGEST:
         name = name[: _LONGEST - 1] + _CUT
-    return one_line(name)
+    return single_line(name)
 
 
-def one_line(text: str) -> str:
+def single_line(text: str) -> str:
     """A text on one line, with control characters and directions of writing escaped."""
     return printable(re.sub(r"[\t\r\n]+", " ", text))
 

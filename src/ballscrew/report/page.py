@@ -25,7 +25,7 @@ from ballscrew.report.blocks import (
     TableColumn,
     height_of,
     look_of,
-    one_line,
+    single_line,
 )
 from ballscrew.report.canvas import STATE_SIGNS, Figure, blank, check_drawing, save_figure, styled
 
@@ -255,4 +255,4 @@ def _row(cells: Iterable[str], tag: str) -> str:
 
 
 def _escaped(text: str) -> str:
-    return escape(one_line(text))
+    return escape(single_line(text))

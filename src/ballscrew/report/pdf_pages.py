@@ -41,7 +41,7 @@ from ballscrew.report.blocks import (
 )
 from ballscrew.report.canvas import Figure
 
-_LEFT, _RIGHT, _TOP, _BOTTOM = 15.0, 282.0, 12.0, 198.0
+_MARGIN, _RIGHT, _TOP, _BOTTOM = 15.0, 282.0, 12.0, 198.0
 _FOOT = 203.5
 _SIZE, _SMALL, _CELL = 9.5, 7.2, 7.8  # points
 _RULE = "#dddddd"
@@ -103,7 +103,7 @@ def _page(drawings: Iterable[Drawing], title: str, number: int, total: int) -> F
     figure = canvas.blank(WIDTH / INCH, HEIGHT / INCH)
     for draw in drawings:
         draw(figure)
-    words_at(title, _LEFT, _FOOT, _SMALL, colour=SOFT)(figure)
+    words_at(title, _MARGIN, _FOOT, _SMALL, colour=SOFT)(figure)
     words_at(f"{number} of {total}", _RIGHT, _FOOT, _SMALL, colour=SOFT, align="right")(figure)
     return figure
 
@@ -144,8 +144,8 @@ class _Layout:
                 for text in texts:
                     lines = wrapped(text, _MEASURE - _INDENT, _SIZE)
                     self._reserve(pitch(_SIZE))
-                    self._draw(words_at("•", _LEFT + 0.5, self.y + rise(_SIZE), _SIZE))
-                    self._lines(lines, _SIZE, left=_LEFT + _INDENT)
+                    self._draw(words_at("•", _MARGIN + 0.5, self.y + rise(_SIZE), _SIZE))
+                    self._lines(lines, _SIZE, left=_MARGIN + _INDENT)
                     self.y += 0.5
             case ReportTable():
                 self._table(block)
@@ -170,7 +170,7 @@ class _Layout:
         lines: Sequence[str],
         size: float,
         *,
-        left: float = _LEFT,
+        left: float = _MARGIN,
         colour: str = TEXT,
         weight: str = "normal",
     ) -> None:
@@ -182,18 +182,18 @@ class _Layout:
     def _heading(self, block: PageHeading) -> None:
         self._begin_page()
         self._numbers[block.anchor] = len(self.pages)
-        self._lines(wrapped(block.text, _RIGHT - _LEFT, 17, bold=True), 17, weight="bold")
-        self._lines(wrapped(block.below, _RIGHT - _LEFT, _SIZE), _SIZE, colour=SOFT)
+        self._lines(wrapped(block.text, _RIGHT - _MARGIN, 17, bold=True), 17, weight="bold")
+        self._lines(wrapped(block.below, _RIGHT - _MARGIN, _SIZE), _SIZE, colour=SOFT)
 
     def _conclusion(self, block: StateWords) -> None:
         """State in one line, set off by its colour and sign."""
-        size, left = 11.5, _LEFT + 4.0
+        size, left = 11.5, _MARGIN + 4.0
         sign, colour = look_of(block.lamp)
         lines = wrapped(block.words, _RIGHT - left - 7.0, size, bold=True)
         height = len(lines) * pitch(size)
         self._reserve(height + 6.0)
         self.y += 3.0
-        self._draw(bar_at(_LEFT, self.y - 0.6, 1.8, height + 1.2, colour))
+        self._draw(bar_at(_MARGIN, self.y - 0.6, 1.8, height + 1.2, colour))
         self._draw(words_at(sign, left, self.y + rise(size), 15, colour=colour))
         self._lines(lines, size, left=left + 7.0, weight="bold")
         self.y += 2.0
@@ -203,7 +203,7 @@ class _Layout:
         top, height = self.y + 2.0, min(_BOTTOM - self.y - 2.0, block.height)
 
         def draw(figure: Figure) -> None:
-            widths = (_LEFT, _RIGHT - _LEFT, WIDTH - _RIGHT)
+            widths = (_MARGIN, _RIGHT - _MARGIN, WIDTH - _RIGHT)
             heights = (top, height, HEIGHT - top - height)
             grid = figure.add_gridspec(3, 3, wspace=0, hspace=0, width_ratios=widths, height_ratios=heights)
             block.draw(figure.add_subfigure(grid[1, 1]))
@@ -227,7 +227,7 @@ class _Layout:
             for cell, texts, slot in zip(cells, lines, slots, strict=True):
                 self._cell(cell, texts, slot)
             self.y += height
-            self._draw(bar_at(_LEFT, self.y - 0.2, _RIGHT - _LEFT, 0.15, _RULE))
+            self._draw(bar_at(_MARGIN, self.y - 0.2, _RIGHT - _MARGIN, 0.15, _RULE))
         self.y += 1.5
 
     def _head(self, slots: Sequence[_Slot]) -> None:
@@ -242,7 +242,7 @@ class _Layout:
                 self._draw(words_at(line, slot.edge, y + rise(_SMALL), _SMALL, align=slot.align, **look))
                 y += pitch(_SMALL)
         self.y += height
-        self._draw(bar_at(_LEFT, self.y - 0.5, _RIGHT - _LEFT, 0.25, SOFT))
+        self._draw(bar_at(_MARGIN, self.y - 0.5, _RIGHT - _MARGIN, 0.25, SOFT))
 
     def _cell(self, cell: TableCell, lines: Sequence[str], slot: _Slot) -> None:
         x, y, weight = slot.edge, self.y + 0.7, "normal"
@@ -294,8 +294,8 @@ class _Slot:
 def _slots(columns: Sequence[TableColumn]) -> list[_Slot]:
     """Columns over the whole width of a page."""
     total = sum(column.width for column in columns)
-    share = (_RIGHT - _LEFT - _GAP * (len(columns) - 1)) / total
-    slots, left = [], _LEFT
+    share = (_RIGHT - _MARGIN - _GAP * (len(columns) - 1)) / total
+    slots, left = [], _MARGIN
     for column in columns:
         width = share * column.width
         slots.append(_Slot(wrapped(column.title, width, _SMALL, bold=True), left, width, column.right))
