@@ -189,7 +189,7 @@ def test_what_is_not_known_is_never_good(
 @pytest.mark.usefixtures("without_pictures")
 def test_a_state_without_a_schedule_is_unknown_when_it_is_old(plant: Store, tmp_path: Path) -> None:
     page = page_of(plant, tmp_path, at=TIME + timedelta(days=60))
-    assert "unknown, its last run is old; normal before" in page
+    assert "unknown, last run is old; normal before" in page
     assert ">■</span>&nbsp;alarm<" in page
 
 

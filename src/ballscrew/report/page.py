@@ -29,7 +29,7 @@ from ballscrew.report.blocks import (
 )
 from ballscrew.report.canvas import STATE_SIGNS, Figure, blank, check_drawing, save_figure, styled
 
-_DAY = re.compile(r"\b\d{4}-\d\d-\d\d\b")  # would be divided at its hyphens
+_DAY = re.compile(r"\b\d{4}-\d\d-\d\d\b(\s\d\d:\d\d)?")  # would be divided at its hyphens
 _PICTURE_WIDTH = 267.0  # mm, that of a page of a PDF
 _STYLE = """
 :root { color-scheme: light dark; --text: #222; --soft: #555; --line: #ddd; --back: #fff; }

@@ -30,7 +30,7 @@ from ballscrew.report.stored_words import RUN_WIDTH, changes, exclusions, stored
 _NEWEST = 30  # runs in the table
 _BECAUSE = {
     "overdue": "its run is overdue",
-    "old": "its last run is old",
+    "old": "last run is old",
     "set aside": "its newest run was set aside",
 }
 _TROUBLES = {"silence": "no run", "measurement": "bad", "assessment": "cannot be assessed"}
@@ -258,7 +258,7 @@ def _key_numbers(axis: StoredAxis, at: datetime) -> ReportTable:
 
 def _alarms(alarms: Sequence[dict[str, Any]]) -> list[ReportBlock]:
     columns = (
-        TableColumn("alarm", 1.0), TableColumn("state", 1.0), TableColumn("began", 1.2),
+        TableColumn("alarm", 1.3), TableColumn("state", 1.0), TableColumn("began", 1.2),
         TableColumn("raised", 1.2), TableColumn("ended", 1.2), TableColumn("text", 2.4),
         TableColumn("actions", 3.2),
     )  # fmt: skip
