@@ -99,6 +99,7 @@ def test_a_refused_assessment_is_a_trouble_until_the_axis_is_assessed(
         (axis,) = client.get("/api/v1/axes").json()["axes"]
         assert "the same recording, 'a.h5'" in axis["refusal"]
         assert alarm["text"] == f"the axis cannot be assessed: {axis['refusal']}"
+        assert alarm["code"] == "axis-not-assessed"
         assert axis["reasons"] == [axis["refusal"]]
         assert "cannot be assessed" in client.get("/").text
     exclusion = "/api/v1/axes/bench/runs/copy/exclusion"

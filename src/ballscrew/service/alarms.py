@@ -132,7 +132,7 @@ def report_bad_measurement(session: Session, axis: Axis, at: str, reasons: Seque
     reasons : sequence of str
         Why it is bad; empty for one that is not.
     """
-    _set_trouble(session, axis, MEASUREMENT, at if reasons else None, " ".join(reasons))
+    _set_trouble(session, axis, MEASUREMENT, at if reasons else None, "; ".join(reasons))
 
 
 def report_refused_assessment(session: Session, axis: Axis, reason: str | None) -> None:

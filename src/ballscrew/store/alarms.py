@@ -8,6 +8,7 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from ballscrew.base.reasons import coded_reason
 from ballscrew.monitoring.epochs import moment
 from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, Trouble
 
@@ -40,10 +41,10 @@ def alarm_documents(session: Session, axis: Axis | None = None) -> list[dict[str
     if axis is not None:
         alarms, troubles = alarms.where(Axis.id == axis.id), troubles.where(Axis.id == axis.id)
     for alarm, name in session.execute(alarms):
-        common = {"id": f"alarm-{alarm.id}", "axis": name, "kind": "axis", "text": "Loss of preload."}
+        common = _text_document(f"alarm-{alarm.id}", name, "axis", "Loss of preload.")
         found.append(common | _state_document(alarm, alarm.retracted_at, "retracted", actions))
     for trouble, name in session.execute(troubles):
-        common = {"id": f"trouble-{trouble.id}", "axis": name, "kind": trouble.kind, "text": trouble.text}
+        common = _text_document(f"trouble-{trouble.id}", name, trouble.kind, trouble.text)
         found.append(common | _state_document(trouble, trouble.ended_at, "ended", actions, common["id"]))
     return sorted(found, key=lambda each: str(each["raised_at"]), reverse=True)
 
@@ -51,6 +52,12 @@ def alarm_documents(session: Session, axis: Axis | None = None) -> list[dict[str
 def standing_alarms(session: Session) -> list[dict[str, Any]]:
     """Alarms and troubles that have not ended and were not closed, the newest first."""
     return [each for each in alarm_documents(session) if each["state"] not in ENDED]
+
+
+def _text_document(name: str, axis: str, kind: str, text: str) -> dict[str, Any]:
+    """What an alarm is about, with the code of its sentence where it has one."""
+    reason = coded_reason(text)
+    return {"id": name, "axis": axis, "kind": kind, "text": text, "code": reason and reason.code}
 
 
 def _state_document(
