@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import json
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from tests.store.stored import RUNS, fill, imitate_analysis, write_recordings
 
+from ballscrew.modal.analyze import AnalysisOptions
+from ballscrew.store import adding
 from ballscrew.store.migrating import settle
 from ballscrew.store.store import Store
 from ballscrew.store.tables import SCHEMA
@@ -24,10 +27,15 @@ def main() -> None:
         imitate_analysis(patched)
         Store.init(Path(temporary) / "store")
         store = Store(Path(temporary) / "store")
-        fill(store, RUNS[:6])
-        store.add(write_recordings(Path(temporary) / "run", 50.0, files=1))
+        settings = AnalysisOptions().to_settings()
+        fill(store, [replace(run, made=replace(run.made, settings=settings)) for run in RUNS[:6]])
+        for day in (50.0, 51.0, 52.0):
+            store.add(write_recordings(Path(temporary) / f"run{day:g}", day, files=1))
         store.correct(RUNS[2].id, measured_at="2026-01-07T09:00Z", reason="wrong clock")
         store.exclude(RUNS[3].id, reason="loose sensor")
+        imitate_analysis(patched, scale=3.0)
+        patched.setattr(adding, "METHOD_REVISION", 2)
+        store.reprocess(switch=True)
         store.monitor("bench")
         store.backup(folder)
         settle(folder / "store.sqlite")

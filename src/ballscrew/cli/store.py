@@ -159,7 +159,8 @@ def _print_axis(document: dict[str, Any]) -> None:
             text += f", retracted {utc_minute(alarm['retracted_at'])}"
         screen.print(f"{text}.", markup=False)
     for event in document["events"]:
-        text = f"Event {event['digest'][:12]}, {utc_minute(event['at'])}: {event['kind']}"
+        name = "Event" if event["digest"] is None else f"Event {event['digest'][:12]}"
+        text = f"{name}, {utc_minute(event['at'])}: {event['kind']}"
         screen.print(printable(f"{text}: {event['text']}" if event["text"] else text), markup=False)
     for line in (*exclusions(document), *changes(document)):
         screen.print(printable(line), markup=False)
@@ -369,11 +370,29 @@ def reprocess_store(
             history = "new results" if axis["switched"] else "old results"
             table.add_row(*numbers, str(axis["verdict_changes"]), escape(axis["axis"]), history)
         console().print(table)
+        for axis in document["axes"]:
+            if axis["without_files"]:
+                console().print(_describe_change(axis), markup=False)
     return WRONG_INPUT if document["failures"] else DONE
 
 
 def _part(number: float | None) -> str:
     return "–" if number is None else percent(number)
+
+
+def _describe_change(axis: dict[str, Any]) -> str:
+    """What a switch does, or did, to an axis with runs whose raw files are gone."""
+    from ballscrew.store.methods import describe_step
+
+    text = f"{printable(axis['axis'])}: {plural(axis['without_files'], 'run')} without raw files"
+    step = axis["step"]
+    if step is None:
+        return f"{text}; the step to the new results cannot be estimated."
+    size = describe_step(step["value"], step["standard_uncertainty"])
+    what = f"{text} keep their results, with an event of the step"
+    if not axis["switched"]:
+        what = f"{text}: by --switch they keep their results, with an event of the step"
+    return f"{what}: {size}, by {step['runs']} runs with both."
 
 
 def simulate_fleet_store(store: OpenStore, *, as_json: bool, **numbers: Any) -> int:

@@ -190,10 +190,12 @@ def _basis(model: CalibratedAxis, settings: MonitorSettings) -> str:
 
 
 def _past(events: Sequence[Event], until: str) -> tuple[tuple[str, str], ...]:
-    """Time and kind of the events that change something, until a time."""
+    """Time and effect of the events that change something, until a time."""
     last = moment(until, "a run")
     past = [
-        (event.when.isoformat(), event.kind) for event in events if event.when <= last and event.kind != _NOTE
+        (event.when.isoformat(), event.effect)
+        for event in events
+        if event.when <= last and event.kind != _NOTE
     ]
     return tuple(sorted(past))
 

@@ -1,7 +1,8 @@
 """Events on an axis, and the epochs into which they divide its history.
 
 A new nut, a new bearing or maintenance begins a new epoch: the baseline is learned again, the history stays.
-Grease and a remounted sensor cause a step of unknown size within the epoch.
+Grease and a remounted sensor cause a step of unknown size within the epoch; a changed method of analysis one
+that was estimated.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from ballscrew.base.tomlfile import Fields, read_toml
 BEGINS = ("nut replaced", "maintenance", "bearing replaced")
 STEPS = ("greased", "sensor remounted")
 KINDS = (*BEGINS, *STEPS, "note")
+METHOD_CHANGED = "method changed"
+"""Kind of an event whose step is estimated, which :func:`ballscrew.store.reprocessing.reprocess` makes."""
+
 _YEARS = 1970, 2100  # the first is that of a clock that was never set
 
 
@@ -34,6 +38,9 @@ class Event:
         One of :data:`KINDS`.
     text : str
         Free text.
+    step, step_uncertainty : float or None
+        Of the kind "method changed" alone: step of the relative change of the
+        nut's compliance, and its standard uncertainty.
 
     Raises
     ------
@@ -44,10 +51,14 @@ class Event:
     at: str
     kind: str
     text: str = ""
+    step: float | None = None
+    step_uncertainty: float | None = None
 
     def __post_init__(self) -> None:
         """Check time and kind."""
         moment(self.at, "an event: at")
+        if self.kind == METHOD_CHANGED and self.step is not None and self.step_uncertainty is not None:
+            return
         if self.kind not in KINDS:
             raise InputError(f"an event's kind is {shown(self.kind)}; it must be one of {', '.join(KINDS)}.")
 
@@ -55,6 +66,20 @@ class Event:
     def when(self) -> datetime:
         """Time with its zone."""
         return moment(self.at, "an event: at")
+
+    @property
+    def effect(self) -> str:
+        """Kind, with the step where it is estimated: what results depend on."""
+        if self.step is None:
+            return self.kind
+        return f"{self.kind} {self.step!r} {self.step_uncertainty!r}"
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON form; the step only where it is estimated."""
+        document: dict[str, Any] = {"at": self.at, "kind": self.kind, "text": self.text}
+        if self.step is not None:
+            document |= {"step": self.step, "step_uncertainty": self.step_uncertainty}
+        return document
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +149,7 @@ def moment(text: Any, where: str) -> datetime:
 
 
 def read_events(path: str | Path) -> tuple[Event, ...]:
-    """Read EVENTS.toml: tables ``[[events]]`` with ``at``, ``kind`` and ``text``.
+    """Read EVENTS.toml: tables ``[[events]]`` with ``at``, ``kind`` and ``text``, and steps that are known.
 
     Parameters
     ----------
@@ -185,7 +210,13 @@ def _when(event: Event) -> datetime:
 
 
 def _event(row: Fields) -> Event:
-    row.only(["at", "kind", "text"])
+    kind = row.text("kind", choices=(*KINDS, METHOD_CHANGED))
+    names, step = ["at", "kind", "text"], dict[str, float]()
+    if kind == METHOD_CHANGED:
+        names += ["step", "step_uncertainty"]
+        step["step"] = row.quantity("step", "", least=-1, most=1)
+        step["step_uncertainty"] = row.quantity("step_uncertainty", "", least=0, most=1)
+    row.only(names)
     at = row.table.get("at")
     if isinstance(at, datetime):
         at = at.isoformat()
@@ -194,4 +225,4 @@ def _event(row: Fields) -> Event:
     if not isinstance(at, str):
         raise row.error("at", "a time as 2026-01-31T08:00Z (ISO 8601)")
     moment(at, f"{row.source}: {row.name('at')}")
-    return Event(at, row.text("kind", choices=KINDS), row.text("text", ""))
+    return Event(at, kind, row.text("text", ""), **step)

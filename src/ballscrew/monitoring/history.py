@@ -26,12 +26,13 @@ from ballscrew.monitoring.assessment import AssessedRun, MeasuredRun, agree, ass
 from ballscrew.monitoring.detection.chart_state import ChartedRun, ChartState, chart_run
 from ballscrew.monitoring.detection.design import LevelStep
 from ballscrew.monitoring.detection.settings import MonitorSettings
-from ballscrew.monitoring.epochs import STEPS, Epoch, Event, epochs_of, moment
+from ballscrew.monitoring.epochs import METHOD_CHANGED, STEPS, Epoch, Event, epochs_of, moment
 from ballscrew.monitoring.reading import Reading
 
 _DAY = 86400.0  # s
 _LONGEST_HISTORY = 50 * 365  # days; no screw is in use for longer
 _FIRST_RUNS = 3  # good runs of an epoch that determine its reference: statistics begin after them
+_SAME_TIME = 1e-6  # days
 _NEWEST = 3  # good runs that are compared with the reference cell by cell
 
 
@@ -219,9 +220,11 @@ def level_steps(epoch: Epoch, begin: str, settings: MonitorSettings) -> list[Lev
     sizes = {"greased": settings.greased, "sensor remounted": settings.remounted}
     steps = []
     for event in epoch.events:
+        day = (event.when - moment(begin, "the first run")).total_seconds() / _DAY
         if event.kind in STEPS:
-            day = (event.when - moment(begin, "the first run")).total_seconds() / _DAY
             steps.append(LevelStep(day, sizes[event.kind]))
+        if event.kind == METHOD_CHANGED:
+            steps.append(LevelStep(day, event.step_uncertainty or 0.0, event.step or 0.0))
     return steps
 
 
@@ -321,6 +324,9 @@ def _with_run(
     reading, ratio = assessed.reading, math.nan
     if assessed.change is not None and assessed.fused is not None:
         ratio = bearing_over_nut(assessed.change, assessed.fused)
+    if reference is not None:
+        expected = _expected_step(run, reference, reading.day, steps)
+        reading = replace(reading, level=reading.level - expected)
     chart, charted, newest = state.chart, None, state.newest
     if reading.verdict == "good":
         chart, charted = chart_run(
@@ -339,6 +345,17 @@ def _with_run(
         charted=charted,
     )
     return replace(state, chart=chart, newest=newest, rows=(*state.rows, row))
+
+
+def _expected_step(run: Run, reference: Run, day: float, steps: Sequence[LevelStep]) -> float:
+    """Expected steps of the level from the reference to a run of a day."""
+    times = [moment(each.measured_at, f"{each.name}: measured_at") for each in (run, reference)]
+    days = [day, day - (times[0] - times[1]).total_seconds() / _DAY]
+    difference = 0.0
+    for step in steps:
+        after = [step.day <= each + _SAME_TIME for each in days]
+        difference += step.expected * (after[0] - after[1])
+    return difference
 
 
 def run_digest(run: Run) -> str:

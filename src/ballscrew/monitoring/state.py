@@ -221,7 +221,7 @@ class HealthState:
             "nut_verdict": self.nut_verdict,
             "nut_reasons": list(self.nut_reasons),
             "runs": [_run_document(run) for run in self.runs],
-            "epochs": [asdict(epoch) for epoch in self.epochs],
+            "epochs": [_epoch_document(epoch) for epoch in self.epochs],
             "alarm_at": self.alarm_at,
             "stage": None,
             "causes": [asdict(cause) for cause in self.causes],
@@ -303,6 +303,10 @@ def _run_state(row: Any, where: str) -> RunState:
     )
 
 
+def _epoch_document(epoch: Epoch) -> dict[str, Any]:
+    return asdict(epoch) | {"events": [event.to_json() for event in epoch.events]}
+
+
 _STATE = json_fields.choice("learning", "normal", "watch", "alarm", "unloaded", "suspect")
 _TEXT_OR_NULL, _PROBABILITY = json_fields.text(optional=True), json_fields.number(0.0, 1.0)
 _STATISTIC = json_fields.record({"value": json_fields.number_or_nan, "limit": json_fields.number_or_nan})
@@ -317,7 +321,20 @@ _RUN = json_fields.record(
         "odds": _statistic,
     }
 )
-_EPOCH = json_fields.instance(Epoch, events=json_fields.listed(json_fields.instance(Event)))
+_EVENT: dict[str, json_fields.Field] = {
+    "at": json_fields.text(),
+    "kind": json_fields.text(),
+    "text": json_fields.text(),
+    "step": json_fields.number(),
+    "step_uncertainty": json_fields.number(0.0),
+}
+
+
+def _event(row: Any, where: str) -> Event:
+    return Event(**json_fields.fields(_EVENT, row, where, required=("at", "kind", "text")))
+
+
+_EPOCH = json_fields.instance(Epoch, events=json_fields.listed(_event))
 _STAGE = json_fields.instance(Stage, I=_PROBABILITY, II=_PROBABILITY)
 _DOCUMENT = json_fields.record(
     {

@@ -21,9 +21,10 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.service.access import AdminCaller, RunningService, find_sent_axis
 from ballscrew.service.runs import setup_texts
 from ballscrew.service.serving import UNAVAILABLE, RefusedError, Service
+from ballscrew.store.methods import used_results
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.raw_files import text_files
-from ballscrew.store.reading import find_axis, find_method
+from ballscrew.store.reading import find_axis
 from ballscrew.store.tables import RunRow, unpack
 
 router = APIRouter(prefix="/api/v1/axes/{axis}/calibration")
@@ -94,18 +95,17 @@ def calibrate_stored(task: CalibrationTask) -> dict[str, Any]:
 
     with OpenStore(task.store).read() as session:
         axis = find_axis(session, task.axis)
-        method = find_method(session, axis)
+        results = used_results(session, axis)
         found = select(RunRow.run, RunRow.id).where(RunRow.axis_id == axis.id, RunRow.run.in_(task.runs))
         numbers = {run: number for run, number in session.execute(found)}  # noqa: C416  rows are no pairs to mypy
-        documents = {}
-        if method is not None:
-            documents = result_documents(session, list(numbers.values()), method)
+        rows = {run: results[number].row for run, number in numbers.items() if number in results}
+        documents = result_documents(session, list(rows.values()))
         texts = setup_texts(session, axis.id)
     runs = []
     for run in task.runs:
-        if numbers.get(run) not in documents:
+        if rows.get(run) not in documents:
             raise InputError(f"the axis {shown(task.axis)} has no result of a run {shown(run)}.")
-        runs.append(Run.from_json(unpack(documents[numbers[run]]), f"run {run[:12]}"))
+        runs.append(Run.from_json(unpack(documents[rows[run]]), f"run {run[:12]}"))
     if "axis" not in texts:
         raise InputError(f"the axis {shown(task.axis)} has no data sheet: set it up first.")
     with text_files({"axis": texts["axis"]}) as paths:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from fastapi import APIRouter
 from fastapi.responses import Response
-from sqlalchemy import Select, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from ballscrew.base.arrays import Array
@@ -18,15 +18,14 @@ from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.serving import RefusedError
 from ballscrew.store.explaining import find_explanation
-from ballscrew.store.reading import current_rows, find_axis, find_method, trend
+from ballscrew.store.histories import axis_events
+from ballscrew.store.methods import used_results
+from ballscrew.store.reading import current_rows, find_axis, trend
 from ballscrew.store.tables import (
     AlarmRow,
     Axis,
     CellRow,
     EpochRow,
-    EventRow,
-    Exclusion,
-    Method,
     ResultRow,
     RunRow,
     StateRow,
@@ -53,7 +52,7 @@ def show_trend(axis: str, caller: AdminCaller, service: RunningService) -> Respo
         document = {
             "runs": _trend_columns(session, row),
             "epochs": _times(session, EpochRow, row, "number", "begins", "ends", "cause", "alarm_at"),
-            "events": _times(session, _events(row), row, "at", "kind", "text"),
+            "events": [event.to_json() for event in axis_events(session, row)],
             "alarms": _times(session, AlarmRow, row, "began_at", "retracted_at"),
             "ahead": (find_explanation(session, row) or {}).get("ahead"),
         }
@@ -71,11 +70,8 @@ def show_frequencies(axis: str, caller: AdminCaller, service: RunningService) ->
     with service.store.read() as session:
         row = _find(session, axis)
         runs = _timed(session, row)
-        cells = session.execute(
-            _results(row, find_method(session, row), CellRow.position_m, CellRow.condition, CellRow.motion)
-            .add_columns(CellRow.frequency_Hz)
-            .join(CellRow, CellRow.result_id == ResultRow.id)
-        ).all()
+        columns = (CellRow.position_m, CellRow.condition, CellRow.motion, CellRow.frequency_Hz)
+        cells = _results(session, row, *columns, of_cells=True)
         states = _baseline_states(session, row)
     return _answer(axis, _frequency_columns(runs, cells, states))
 
@@ -90,7 +86,7 @@ def show_mechanics(axis: str, caller: AdminCaller, service: RunningService) -> R
     with service.store.read() as session:
         row = _find(session, axis)
         runs = _timed(session, row)
-        found = session.execute(_results(row, find_method(session, row), ResultRow.document)).all()
+        found = _results(session, row, ResultRow.document)
     documents = {number: unpack(content) for number, content in found}
     columns: dict[str, list[Any]] = {"run": [], "time": [], "lost_motion_m": []}
     columns |= {name: [] for name in _RIGID_BODY}
@@ -129,33 +125,29 @@ def _timed(session: Session, axis: Axis) -> list[Any]:
     return [row for row in current_rows(session, axis) if row.time is not None]
 
 
-def _results(axis: Axis, method: Method | None, *columns: Any) -> Select[Any]:
-    """Columns of the results of an axis that are its history, with the number of their run."""
-    number = None if method is None else method.id
-    found = select(RunRow.id, *columns).select_from(RunRow).join(ResultRow, ResultRow.run_id == RunRow.id)
-    return found.where(RunRow.axis_id == axis.id, ResultRow.method_id == number)
-
-
-def _events(axis: Axis) -> Select[Any]:
-    """Events of an axis that count."""
-    excluded = select(Exclusion.event_id).where(Exclusion.event_id.is_not(None), Exclusion.ended_at.is_(None))
-    found = select(EventRow).where(EventRow.axis_id == axis.id, EventRow.id.not_in(excluded))
-    return found.order_by(EventRow.time, EventRow.digest)
+def _results(session: Session, axis: Axis, *columns: Any, of_cells: bool = False) -> list[Any]:
+    """Number of the run, and columns of its result in the history of an axis, or of the cells of it."""
+    used = used_results(session, axis).values()
+    counting = {result.row for result in used}
+    found = select(ResultRow.id, RunRow.id, *columns).select_from(RunRow)
+    found = found.join(ResultRow, ResultRow.run_id == RunRow.id)
+    if of_cells:
+        found = found.join(CellRow, CellRow.result_id == ResultRow.id)
+    methods = {result.used.method.id for result in used}
+    found = found.where(RunRow.axis_id == axis.id, ResultRow.method_id.in_(methods))
+    return [row[1:] for row in session.execute(found) if row[0] in counting]
 
 
 def _times(session: Session, rows: Any, axis: Axis, *names: str) -> list[dict[str, Any]]:
-    """Named columns of a table, or of rows, of an axis."""
-    if not isinstance(rows, Select):
-        rows = select(rows).where(rows.axis_id == axis.id).order_by(*rows.__table__.primary_key)
-    return [{name: getattr(row, name) for name in names} for row in session.scalars(rows)]
+    """Named columns of a table of an axis."""
+    found = select(rows).where(rows.axis_id == axis.id).order_by(*rows.__table__.primary_key)
+    return [{name: getattr(row, name) for name in names} for row in session.scalars(found)]
 
 
 def _trend_columns(session: Session, axis: Axis) -> dict[str, list[Any]]:
     """Columns of the runs that count."""
     states = trend(session, axis)
-    verdicts: dict[int, str] = {}
-    results = session.execute(_results(axis, find_method(session, axis), ResultRow.verdict))
-    verdicts.update((number, verdict) for number, verdict in results)
+    results = used_results(session, axis)
     columns = (StateRow.run_id, StateRow.ramp, StateRow.ramp_limit, StateRow.odds, StateRow.odds_limit)
     evidence = {
         number: (_over(ramp, ramp_limit), _over(odds, odds_limit))
@@ -169,7 +161,8 @@ def _trend_columns(session: Session, axis: Axis) -> dict[str, list[Any]]:
         values = {name: getattr(run, name) for name in names}
         values |= states.get(run.id, _UNKNOWN)
         values["ramp"], values["odds"] = evidence.get(run.id, (None, None))
-        values["quality"] = verdicts.get(run.id)
+        result = results.get(run.id)
+        values["quality"] = result and result.verdict
         for name, column in found.items():
             column.append(values[name])
     return found

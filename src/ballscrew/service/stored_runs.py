@@ -12,7 +12,8 @@ from sqlalchemy.orm import Session
 from ballscrew.base.errors import shown
 from ballscrew.service.runs import document_texts
 from ballscrew.service.serving import RefusedError
-from ballscrew.store.reading import current_rows, find_method, run_versions
+from ballscrew.store.methods import used_result
+from ballscrew.store.reading import current_rows, run_versions
 from ballscrew.store.tables import (
     Axis,
     EpochRow,
@@ -104,10 +105,9 @@ def _stored_run(session: Session, name: str) -> StoredRun:
 
 def result_document(session: Session, axis: Axis, row: RunRow) -> Any:
     """RUN.json of a run by the method of the history of its axis, or else by any."""
-    method = find_method(session, axis)
-    found = session.scalars(select(ResultRow).where(ResultRow.run_id == row.id).order_by(ResultRow.id)).all()
-    best = [result for result in found if method is not None and result.method_id == method.id]
-    return unpack((best or found)[0].document)
+    any_result = select(ResultRow).where(ResultRow.run_id == row.id).order_by(ResultRow.id)
+    result = used_result(session, axis, row.id) or session.scalars(any_result).all()[0]
+    return unpack(result.document)
 
 
 def neighbours(session: Session, found: StoredRun) -> dict[str, str | None]:

@@ -20,7 +20,7 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.modelfile import KIND, model_from_json, model_json
 from ballscrew.modal.job import Job, read_run
 from ballscrew.modal.run import Run
-from ballscrew.monitoring.epochs import Event, read_events
+from ballscrew.monitoring.epochs import METHOD_CHANGED, Event, read_events
 from ballscrew.recording.readers import version_of
 from ballscrew.recording.readers.process import opened
 from ballscrew.store.folder import now
@@ -338,6 +338,8 @@ def add_events(store: OpenStore, events: tuple[Event, ...], axis: str) -> Added:
         row = axis_row(session, axis)
         for event in events:
             check_text("the text of an event", event.text)
+            if event.kind == METHOD_CHANGED:
+                raise InputError(f"an event {event.kind!r} is not added: 'reprocess --switch' makes it.")
             key = digest({"axis": axis, "at": event.at, "kind": event.kind, "text": event.text})
             if session.scalar(select(EventRow.id).where(EventRow.digest == key)) is None:
                 session.add(

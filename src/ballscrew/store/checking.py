@@ -170,7 +170,7 @@ def _audit_faults(session: Session) -> Iterator[str]:
             yield f"database: rows of the audit before its row {number} are missing or were changed"
         former = checksum
         inserted += _inserted_by(action, subject, detail)
-    for name in sorted({*_INSERTED.values()}):
+    for name in sorted({*_INSERTED.values(), "method_changes"}):
         count = session.scalar(select(func.count()).select_from(Base.metadata.tables[name]))
         if count != inserted[name]:
             yield f"database: {name} has {count} rows, and by the audit {inserted[name]} were inserted"
@@ -180,6 +180,8 @@ def _inserted_by(action: str, subject: str, detail: Mapping[str, Any]) -> Counte
     """Number of rows that were inserted into each table, by a row of the audit."""
     if action == "simulate":
         return Counter(results=detail["runs"], models=1, assessments=1)
+    if action == "switch" and "step" in detail:
+        return Counter(corrections=1, method_changes=1)
     if action == "correct":
         return Counter(corrections=len(_CORRECTED & detail.keys()))
     if action == "add":

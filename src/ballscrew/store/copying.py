@@ -20,11 +20,12 @@ from ballscrew.base.provenance import digest
 from ballscrew.store.checking import verify
 from ballscrew.store.database import connect_sqlite, make_engine, sqlite_url, translated, undisturbed
 from ballscrew.store.folder import DataFolder, check_outside_stores
-from ballscrew.store.histories import current_events
+from ballscrew.store.histories import axis_events
+from ballscrew.store.methods import used_result
 from ballscrew.store.migrating import copy_sqlite, settle, upgrade
 from ballscrew.store.opened import OpenStore, record, tables
 from ballscrew.store.raw_files import clone_file, copy_out, make_folder, path_of
-from ballscrew.store.reading import current_rows, find_axis, find_method
+from ballscrew.store.reading import current_rows, find_axis
 from ballscrew.store.showing import run_document
 from ballscrew.store.tables import (
     AlarmRow,
@@ -34,7 +35,6 @@ from ballscrew.store.tables import (
     Model,
     RawFile,
     RecordingRow,
-    ResultRow,
     RunRow,
     Source,
     unpack,
@@ -314,10 +314,7 @@ def export(store: OpenStore, axis: str, to: str | Path, *, raw: bool = False) ->
             _write(folder / "models" / f"{model.digest[:12]}.json", write_json(unpack(model.document)) + "\n")
         for sheet in session.scalars(select(Document).where(Document.axis_id == row.id)):
             _write(folder / "sheets" / f"{sheet.digest[:12]}.toml", sheet.text)
-        events = []
-        for event in current_events(session, row):
-            fields = (("at", event.at), ("kind", event.kind), ("text", event.text))
-            events.append("[[events]]\n" + _toml(fields))
+        events = ["[[events]]\n" + _toml(event.to_json().items()) for event in axis_events(session, row)]
         _write(folder / "events.toml", "\n".join(events))
         if raw:
             _export_raw(session, store, row, folder)
@@ -325,14 +322,10 @@ def export(store: OpenStore, axis: str, to: str | Path, *, raw: bool = False) ->
 
 
 def _export_results(session: Session, axis: Axis, folder: Path) -> None:
-    method = find_method(session, axis)
     provenance = []
     for row in current_rows(session, axis):
-        provenance.append(run_document(session, session.get_one(RunRow, row.id), axis, method))
-        result = None
-        if method is not None:
-            found = select(ResultRow).where(ResultRow.run_id == row.id, ResultRow.method_id == method.id)
-            result = session.scalar(found)
+        provenance.append(run_document(session, session.get_one(RunRow, row.id), axis))
+        result = used_result(session, axis, row.id)
         if result is not None:
             document = unpack(result.document)
             _write(folder / "runs" / f"{file_name(row)}.json", write_json(document) + "\n")

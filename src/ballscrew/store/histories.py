@@ -20,8 +20,9 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.checkpoint import CHECKPOINT_SCHEMA, Checkpoint
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Event
+from ballscrew.store.methods import UsedResult, method_events, used_results
 from ballscrew.store.reading import current_rows, find_axis, find_method, find_model, shared_recordings
-from ballscrew.store.tables import Axis, CheckpointRow, EventRow, Exclusion, Method, ResultRow, RunRow, unpack
+from ballscrew.store.tables import Axis, CheckpointRow, EventRow, Exclusion, Method, ResultRow, unpack
 
 _MOST_PARAMETERS = 500  # of a statement; databases have limits
 _SETTINGS = 16  # characters of a digest
@@ -36,7 +37,7 @@ class StoredHistory:
     axis : Axis
         Its row.
     method : Method
-        Of the results.
+        Of the results; those of runs without raw files may be by a former one.
     model_digest : str
         Digest of the model.
     model : CalibratedAxis
@@ -105,18 +106,20 @@ def read_stored_history(
     method = find_method(session, axis)
     current = current_rows(session, axis)
     timed = [row for row in current if row.time is not None]
-    checksums = result_checksums(session, axis, method)
-    usable = [row for row in timed if row.id in checksums]
+    results = used_results(session, axis)
+    usable = [row for row in timed if row.id in results]
     if method is None or not usable:
         raise InputError(f"the store has no run of the axis {shown(name)} with a time.")
     _check_recordings(session, axis, usable)
-    events = current_events(session, axis)
-    prefixes = _prefixes(usable, checksums, events, model.digest, settings)
+    events = _with_changes(current_events(session, axis), usable, results)
+    prefixes = _prefixes(usable, results, events, model.digest, settings)
     checkpoint, start = _newest_checkpoint(session, axis, usable, prefixes)
     # The newest run is read in any case.
     first = min(start, len(usable) - 1)
-    documents = result_documents(session, [row.id for row in usable[first:]], method)
-    runs = [Run.from_json(unpack(documents[row.id]), f"run {row.run[:12]}") for row in usable[first:]]
+    documents = result_documents(session, [results[row.id].row for row in usable[first:]])
+    runs = [
+        Run.from_json(unpack(documents[results[row.id].row]), f"run {row.run[:12]}") for row in usable[first:]
+    ]
     return StoredHistory(
         axis=axis,
         method=method,
@@ -148,7 +151,7 @@ def _check_recordings(session: Session, axis: Axis, rows: Sequence[Any]) -> None
 
 def _prefixes(
     rows: Sequence[Any],
-    checksums: Mapping[int, int],
+    results: Mapping[int, UsedResult],
     events: Sequence[Event],
     model: str,
     settings: MonitorSettings | None,
@@ -163,9 +166,9 @@ def _prefixes(
     keys = []
     for row in rows:  # by time, as the events
         while count < len(events) and times[count] <= row.time:
-            past = digest([past, events[count].at, events[count].kind])
+            past = digest([past, events[count].at, events[count].effect])
             count += 1
-        basis = digest([basis, row.run, checksums[row.id]])
+        basis = digest([basis, row.run, results[row.id].checksum])
         keys.append(f"{stated[:_SETTINGS]}-{digest([basis, past])}")
     return tuple(keys)
 
@@ -199,37 +202,37 @@ def batched(numbers: Sequence[int]) -> Iterator[Sequence[int]]:
         yield numbers[start : start + _MOST_PARAMETERS]
 
 
-def result_documents(session: Session, runs: Sequence[int], method: Method) -> dict[int, bytes]:
-    """RUN.json, packed, of runs by a method."""
+def result_documents(session: Session, results: Sequence[int]) -> dict[int, bytes]:
+    """RUN.json, packed, of results by the numbers of their rows."""
     documents: dict[int, bytes] = {}
-    for batch in batched(runs):
-        found = session.execute(
-            select(ResultRow.run_id, ResultRow.document).where(
-                ResultRow.run_id.in_(batch), ResultRow.method_id == method.id
-            )
-        )
+    for batch in batched(results):
+        found = session.execute(select(ResultRow.id, ResultRow.document).where(ResultRow.id.in_(batch)))
         documents.update((number, document) for number, document in found)
     return documents
 
 
-def result_checksums(session: Session, axis: Axis, method: Method | None) -> dict[int, int]:
-    """Checksum of the result of each run of an axis by a method."""
-    if method is None:
-        return {}
-    found = session.execute(
-        select(ResultRow.run_id, ResultRow.checksum)
-        .join(RunRow, RunRow.id == ResultRow.run_id)
-        .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
-    )
-    return {number: checksum for number, checksum in found}  # noqa: C416  rows are no pairs to mypy
-
-
 def history_key(session: Session, axis: Axis) -> str:
     """Digest of what the history of an axis is made from, without reading its documents."""
-    checksums = result_checksums(session, axis, find_method(session, axis))
-    runs = [(row.run, checksums.get(row.id)) for row in current_rows(session, axis)]
-    events = [(event.at, event.kind, event.text) for event in current_events(session, axis)]
+    results, runs = used_results(session, axis), list[tuple[str, int | None]]()
+    for row in current_rows(session, axis):
+        result = results.get(row.id)
+        runs.append((row.run, None if result is None else result.checksum))
+    events = [(event.at, event.effect, event.text) for event in axis_events(session, axis)]
     return digest({"runs": runs, "events": events, "model": find_model(session, axis).digest})
+
+
+def axis_events(session: Session, axis: Axis) -> tuple[Event, ...]:
+    """Events on an axis by time, without excluded ones, and changes of the method of its runs."""
+    results = used_results(session, axis)
+    rows = [row for row in current_rows(session, axis) if row.time is not None and row.id in results]
+    return _with_changes(current_events(session, axis), rows, results)
+
+
+def _with_changes(
+    events: Sequence[Event], rows: Sequence[Any], results: Mapping[int, UsedResult]
+) -> tuple[Event, ...]:
+    """Events, and changes of the method of runs in time order, by time."""
+    return tuple(sorted([*events, *method_events(rows, results)], key=lambda event: event.when))
 
 
 def current_events(session: Session, axis: Axis) -> tuple[Event, ...]:

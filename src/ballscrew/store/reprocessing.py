@@ -5,31 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session, aliased
 
-from ballscrew.base.errors import InputError, shown
 from ballscrew.base.files import Progress, ignore_progress
-from ballscrew.base.jsonfile import SCHEMA, plain
-from ballscrew.base.provenance import digest
+from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.modal.analyze import AnalysisOptions
 from ballscrew.modal.run import Run
 from ballscrew.store import adding
 from ballscrew.store.analysing import Task, analysed, check_workers
 from ballscrew.store.changing import amend_result
-from ballscrew.store.folder import actor, now
 from ballscrew.store.inserting import insert_run
 from ballscrew.store.opened import OpenStore, record
-from ballscrew.store.reading import current_rows, find_axis, find_method
+from ballscrew.store.reading import find_axis, find_method
+from ballscrew.store.switching import compare_results, find_target, stored_files, switch_axis
 from ballscrew.store.tables import (
     Axis,
-    CellRow,
-    Correction,
     Document,
     Method,
-    RawFile,
-    RecordingRow,
     ResultRow,
     RunRow,
     Source,
@@ -96,7 +89,7 @@ def reprocess(
     with store.write("reprocess") as session:
         _amend_corrected(session, names, options)
     with store.read() as session:
-        compared = [_compare(session, find_axis(session, name), options) for name in names]
+        compared = [compare_results(session, find_axis(session, name), options) for name in names]
     if switch:
         for document in compared:
             switch_axis(store, document["axis"], options)
@@ -112,28 +105,18 @@ def _choose_method(session: Session, axis: Axis) -> None:
         record(session, "choose", f"axis {axis.name}", method=method.name, revision=method.revision)
 
 
-def _find_target(session: Session, options: AnalysisOptions) -> Method | None:
-    """Row of the method, settings and revision of the new results."""
-    return session.scalar(
-        select(Method).where(
-            Method.name == options.method,
-            Method.settings_digest == digest(plain(options.to_settings())),
-            Method.revision == adding.METHOD_REVISION,
-        )
-    )
-
-
 def _tasks(
     session: Session, store: OpenStore, names: Iterable[str], options: AnalysisOptions
 ) -> tuple[list[Task], list[str]]:
     """Runs with raw files and without a result by the method; sentences on those that cannot be analysed."""
-    target = _find_target(session, options)
+    target = find_target(session, options)
     done = set()
     if target is not None:
         done = set(session.scalars(select(ResultRow.run_id).where(ResultRow.method_id == target.id)))
     tasks, failures = [], []
     for name in names:
         axis = find_axis(session, name)
+        switched = target is not None and axis.method_id == target.id
         found = session.execute(
             select(Source, RunRow)
             .join(RunRow, RunRow.id == Source.run_id)
@@ -144,7 +127,9 @@ def _tasks(
             if run.id in done:
                 continue
             done.add(run.id)
-            files = _files(session, run, source.stated["files"])
+            files = stored_files(session, run, source.stated["files"])
+            if files is None and switched:
+                continue  # its former result counts
             if files is None:
                 failures.append(f"run {run.run[:12]}: its raw files are archived")
             else:
@@ -156,20 +141,6 @@ def _tasks(
     return tasks, failures
 
 
-def _files(session: Session, run: RunRow, hashes: Sequence[str]) -> tuple[tuple[str, str, str], ...] | None:
-    """Name, hash and compression of each recording; None if one is not in the store."""
-    names = {}
-    for row in session.scalars(select(RecordingRow).where(RecordingRow.run_id == run.id)):
-        names[row.sha256] = row.name
-    files = []
-    for sha256 in hashes:
-        file = session.get(RawFile, sha256)
-        if file is None or file.archived_to is not None:
-            return None
-        files.append((names[sha256], sha256, file.compression))
-    return tuple(files)
-
-
 def _insert(store: OpenStore, document: dict[str, Any]) -> None:
     run = Run.from_json(document)
     with store.write("reprocess") as session:
@@ -178,7 +149,7 @@ def _insert(store: OpenStore, document: dict[str, Any]) -> None:
 
 def _amend_corrected(session: Session, names: Iterable[str], options: AnalysisOptions) -> None:
     """New results of corrected runs, by those of the runs as they were."""
-    target = _find_target(session, options)
+    target = find_target(session, options)
     if target is None:
         return
     known = set(session.scalars(select(ResultRow.run_id).where(ResultRow.method_id == target.id)))
@@ -204,87 +175,3 @@ def _amend_like(session: Session, old: RunRow, new: RunRow, method: Method) -> N
         measured_at = None
     corrected = amend_result(session, old, method, measured_at=measured_at, mass=mass)
     insert_run(session, corrected, method.revision)
-
-
-def _compare(session: Session, axis: Axis, options: AnalysisOptions) -> dict[str, Any]:
-    """Difference between the new results of an axis and those of its history."""
-    old, new = find_method(session, axis), _find_target(session, options)
-    document: dict[str, Any] = {"axis": axis.name, "switched": False, "runs": 0, "missing": 0}
-    document |= {"cells": 0, "median_change": None, "largest_change": None, "verdict_changes": 0}
-    if old is None or new is None:
-        return document
-    document["switched"] = old.id == new.id
-    document["old"] = {"method": old.name, "revision": old.revision}
-    document["new"] = {"method": new.name, "revision": new.revision}
-    document["missing"] = len(_missing(session, axis, new))
-    before, after = aliased(ResultRow), aliased(ResultRow)
-    pairs = (
-        select(before, after)
-        .join(after, after.run_id == before.run_id)
-        .join(RunRow, RunRow.id == before.run_id)
-        .where(RunRow.axis_id == axis.id, before.method_id == old.id, after.method_id == new.id)
-    )
-    changes: list[float] = []
-    for former, current in session.execute(pairs):
-        document["runs"] += 1
-        document["verdict_changes"] += former.verdict != current.verdict
-        changes += _relative_changes(_cells(session, former), _cells(session, current))
-    document["cells"] = len(changes)
-    if changes:
-        document["median_change"] = float(np.median(np.abs(changes)))
-        document["largest_change"] = float(np.max(np.abs(changes)))
-    return document
-
-
-def _cells(session: Session, result: ResultRow) -> dict[tuple[float, str, int], float]:
-    """Frequencies of the cells that have one."""
-    cells = {}
-    for cell in session.scalars(select(CellRow).where(CellRow.result_id == result.id)):
-        if cell.frequency_Hz is not None:
-            cells[cell.position_m, cell.condition, cell.motion] = cell.frequency_Hz
-    return cells
-
-
-def _relative_changes(before: dict[Any, float], after: dict[Any, float]) -> list[float]:
-    return [after[key] / before[key] - 1 for key in before.keys() & after.keys()]
-
-
-def _missing(session: Session, axis: Axis, target: Method) -> list[Any]:
-    """Runs of the history without a result by a method."""
-    known = set(session.scalars(select(ResultRow.run_id).where(ResultRow.method_id == target.id)))
-    return [row for row in current_rows(session, axis) if row.id not in known]
-
-
-def switch_axis(store: OpenStore, name: str, options: AnalysisOptions) -> None:
-    """Make the new results of an axis its history, all of them or none.
-
-    Raises
-    ------
-    InputError
-        If a run of the history has no new result.
-    """
-    with store.write("reprocess") as session:
-        axis = find_axis(session, name)
-        target, old = _find_target(session, options), find_method(session, axis)
-        missing = [] if target is None else _missing(session, axis, target)
-        if target is None or missing:
-            number = f"{len(missing)} runs" if missing else "its runs"
-            raise InputError(
-                f"the axis {shown(name)} is not switched: {number} have no new result, and a history has one "
-                "method; 'store exclude' them first, or leave the axis as it is."
-            )
-        if axis.method_id == target.id:
-            return
-        session.add(
-            Correction(
-                subject=f"axis {name}",
-                field="method",
-                old=None if old is None else f"{old.name}, revision {old.revision}",
-                new=f"{target.name}, revision {target.revision}",
-                reason="reprocess --switch",
-                actor=actor(),
-                at=now(),
-            )
-        )
-        axis.method_id, axis.changed_at = target.id, now()
-        record(session, "switch", f"axis {name}", method=target.name, revision=target.revision)

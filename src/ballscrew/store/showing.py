@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from sqlalchemy import or_, select
@@ -11,6 +11,9 @@ from sqlalchemy.orm import Session
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import digest
 from ballscrew.modal.amend import SUPERSEDES
+from ballscrew.monitoring.epochs import METHOD_CHANGED, moment
+from ballscrew.store.histories import axis_events
+from ballscrew.store.methods import used_result, used_results
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.reading import (
     assessment_document,
@@ -91,9 +94,9 @@ def axis_document(session: Session, axis: Axis) -> dict[str, Any]:
         "axis": axis.name,
         "method": None if method is None else {"name": method.name, "revision": method.revision},
         **assessment_document(assessment, axis.changed_at),
-        "runs": _runs_document(session, axis, method, trend(session, axis)),
+        "runs": _runs_document(session, axis, trend(session, axis)),
         "alarms": [_named(row, "epoch", "began_at", "raised_at", "retracted_at") for row in alarms],
-        "events": [_named(row, "digest", "at", "kind", "text") for row in events],
+        "events": _events_document(session, axis, events),
         "exclusions": [
             {"run": run, "event": event} | _named(row, "reason", "actor", "begun_at", "ended_at")
             for run, event, row in excluded
@@ -107,26 +110,26 @@ def _named(row: Any, *names: str) -> dict[str, Any]:
     return {name: getattr(row, name) for name in names}
 
 
-def _runs_document(
-    session: Session, axis: Axis, method: Method | None, states: Mapping[int, Any]
-) -> list[dict[str, Any]]:
+def _events_document(session: Session, axis: Axis, rows: Sequence[EventRow]) -> list[dict[str, Any]]:
+    """Events that were added, and changes of the method, by time."""
+    documents = [_named(row, "digest", "at", "kind", "text") for row in rows]
+    changes = [event for event in axis_events(session, axis) if event.kind == METHOD_CHANGED]
+    documents += [{"digest": None} | event.to_json() for event in changes]
+    return sorted(documents, key=lambda document: moment(document["at"], "an event: at"))
+
+
+def _runs_document(session: Session, axis: Axis, states: Mapping[int, Any]) -> list[dict[str, Any]]:
     """Every run of an axis in time order, with its verdict and state."""
-    verdicts: dict[int, str] = {}
-    if method is not None:
-        results = (
-            select(ResultRow.run_id, ResultRow.verdict)
-            .join(RunRow, RunRow.id == ResultRow.run_id)
-            .where(RunRow.axis_id == axis.id, ResultRow.method_id == method.id)
-        )
-        verdicts = {number: verdict for number, verdict in session.execute(results)}  # noqa: C416
+    results = used_results(session, axis)
     rows = run_rows(session, axis.id)
     current = {row.id for row in current_rows(session, axis, rows)}
     unknown = {"state": "unknown", "stiffness": None, "nut": None}
     runs = []
     for number, run, measured_at, _, mass, temperature, supersedes in rows:
+        result = results.get(number)
         document = {
             "run": run, "measured_at": measured_at, "mass_kg": mass, "temperature_C": temperature,
-            "supersedes": supersedes, "counts": number in current, "quality": verdicts.get(number),
+            "supersedes": supersedes, "counts": number in current, "quality": result and result.verdict,
         }  # fmt: skip
         runs.append(document | states.get(number, unknown))
     return runs
@@ -211,7 +214,7 @@ def show_run(store: OpenStore, beginning: str) -> dict[str, Any]:
         run = find_run(session, beginning)
         axis = session.get_one(Axis, run.axis_id)
         current = {row.id for row in current_rows(session, axis)}
-        document = run_document(session, run, axis, find_method(session, axis))
+        document = run_document(session, run, axis)
         return {"schema": SCHEMA, "counts": run.id in current, **document}
 
 
@@ -244,7 +247,7 @@ def show(store: OpenStore, subject: str) -> dict[str, Any]:
     return show_axis(store, subject)
 
 
-def run_document(session: Session, run: RunRow, axis: Axis, method: Method | None) -> dict[str, Any]:
+def run_document(session: Session, run: RunRow, axis: Axis) -> dict[str, Any]:
     """A run, and what its numbers come from.
 
     Parameters
@@ -255,8 +258,6 @@ def run_document(session: Session, run: RunRow, axis: Axis, method: Method | Non
         Its row.
     axis : Axis
         Its axis.
-    method : Method or None
-        Of the history of the axis.
 
     Returns
     -------
@@ -264,7 +265,7 @@ def run_document(session: Session, run: RunRow, axis: Axis, method: Method | Non
         See :func:`show_run`.
     """
     later = session.scalars(select(RunRow.run).where(RunRow.supersedes == run.run).order_by(RunRow.id))
-    results = []
+    results, counts = [], used_result(session, axis, run.id)
     documents: dict[str, str] = {}
     rows = select(ResultRow, Method).join(Method, Method.id == ResultRow.method_id)
     for result, used in session.execute(rows.where(ResultRow.run_id == run.id).order_by(ResultRow.id)):
@@ -274,7 +275,7 @@ def run_document(session: Session, run: RunRow, axis: Axis, method: Method | Non
             {
                 "method": used.name, "revision": used.revision, "version": result.version,
                 "settings": used.settings, "quality": result.verdict, "added_at": result.added_at,
-                "digest": digest(content), "history": method is not None and method.id == used.id,
+                "digest": digest(content), "history": counts is not None and counts.id == result.id,
             }
         )  # fmt: skip
     documents.pop(SUPERSEDES, None)

@@ -32,10 +32,10 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, Mapper, mapped_column
 
 from ballscrew.base.errors import InputError
 
-SCHEMA = "0003"
+SCHEMA = "0004"
 """Newest version of the schema, as Alembic has it."""
 
-SCHEMAS = ("0001", "0002", SCHEMA)
+SCHEMAS = ("0001", "0002", "0003", SCHEMA)
 """All of them, by age."""
 
 _LEVEL = 10  # of zstd
@@ -161,6 +161,25 @@ class Method(Checked, Base):
     settings_digest: Mapped[str]
     revision: Mapped[int]
     settings: Mapped[dict[str, Any]]
+
+
+class MethodChange(Checked, Base):
+    """A switch of an axis to another method where runs have no raw files: these keep their old results.
+
+    ``step`` is that of the relative change of the nut's compliance from the old results to the new ones, by
+    ``runs`` runs with both.
+    """
+
+    __tablename__ = "method_changes"
+    __table_args__ = (UniqueConstraint("axis_id", "new_method_id"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    axis_id: Mapped[int] = mapped_column(ForeignKey("axes.id"))
+    old_method_id: Mapped[int] = mapped_column(ForeignKey("methods.id"))
+    new_method_id: Mapped[int] = mapped_column(ForeignKey("methods.id"))
+    step: Mapped[float]
+    step_uncertainty: Mapped[float]
+    runs: Mapped[int]
+    changed_at: Mapped[str]
 
 
 class RunRow(Checked, Base):

@@ -46,10 +46,21 @@ STEP_RUNS = 5
 
 @dataclass(frozen=True, slots=True)
 class LevelStep:
-    """Step of the level by a known event: its day, and the prior standard deviation of its size."""
+    """Step of the level by a known event.
+
+    Parameters
+    ----------
+    day : float
+        When.
+    size : float
+        Prior standard deviation of its size.
+    expected : float
+        Size that it is expected to have, which levels no longer contain when they are charted.
+    """
 
     day: float
     size: float
+    expected: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,7 +27,7 @@ from ballscrew.service.stored_runs import (
     stated_of,
 )
 from ballscrew.store.copying import file_name
-from ballscrew.store.reading import current_rows, find_method, run_versions, trend
+from ballscrew.store.reading import current_rows, run_versions, trend
 from ballscrew.store.showing import run_document
 from ballscrew.store.tables import Correction, Exclusion, RunRow, Upload
 
@@ -110,7 +110,7 @@ def _context(session: Session, found: StoredRun, cells: dict[str, Any]) -> dict[
     names = select(RunRow.run).where(RunRow.id.in_(versions))
     exclusions = select(Exclusion).where(Exclusion.run_id.in_(versions)).order_by(Exclusion.id)
     corrections = select(Correction).where(Correction.subject.in_(names)).order_by(Correction.id)
-    provenance = run_document(session, row, axis, find_method(session, axis))
+    provenance = run_document(session, row, axis)
     stored = [file["stored"] for file in provenance["recordings"]]
     has_map = stated_of(session, found) is not None
     return {
