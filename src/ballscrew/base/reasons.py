@@ -61,13 +61,13 @@ class _Template:
 
     def values(self, text: str, numbers: frozenset[str]) -> dict[str, str] | None:
         """Parameters of a text; None where it is not of this template. Takes time linear in the text."""
-        values = self._between(text)
+        values = self._parameters(text)
         for name in numbers & (values or {}).keys():
             if values is not None and not _NUMBER.fullmatch(values[name]):
                 return None
         return values
 
-    def _between(self, text: str) -> dict[str, str] | None:
+    def _parameters(self, text: str) -> dict[str, str] | None:
         """What is between the literals of the template, each at its first place."""
         first, last = self.literals[0], self.literals[-1]
         if not self.names:
