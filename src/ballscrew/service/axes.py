@@ -185,8 +185,8 @@ def _exclude(
     if found is None:
         what = "run" if column is RunRow.run else "event"
         raise RefusedError(404, f"there is no {what} {shown(subject)} of the axis {shown(axis)}.")
-    exclude(service.store, subject, reason=reason or "", undo=reason is None)
-    _assess_soon(service, axis, caller.name)
+    exclude(service.store, subject, reason=reason or "", undo=reason is None, by=caller.name)
+    _assess_soon(service, axis)
     return {"schema": SCHEMA, "axis": axis, "id": subject, "excluded": reason is not None}
 
 
@@ -207,8 +207,10 @@ def _preview(service: Service, axis: str, events: tuple[Event, ...]) -> dict[str
     return found
 
 
-def _assess_soon(service: Service, axis: str, by: str) -> None:
+def _assess_soon(service: Service, axis: str, by: str | None = None) -> None:
+    """Assess an axis after a change, whose row of the audit does not state by whom where ``by`` is given."""
     with service.store.write("assess") as session:
         request_assessment(session, find_axis(session, axis))
-        record(session, "request", f"assessment of {axis}", by=by)
+        if by is not None:
+            record(session, "request", f"assessment of {axis}", by=by)
     service.announce()

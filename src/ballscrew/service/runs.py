@@ -22,6 +22,7 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
 from ballscrew.service.access import AnyCaller, Caller, RunningService, find_sent_axis
 from ballscrew.service.alarms import report_bad_measurement
+from ballscrew.service.counting import exclude_as_needed
 from ballscrew.service.jobs import ANALYSE, enqueue, request_assessment, waiting_runs
 from ballscrew.service.serving import TOO_MANY, RefusedError, Service
 from ballscrew.service.uploads import RunKey, may_send, raw_file
@@ -352,6 +353,7 @@ def store_result(
     content, stated = rows[0].content, rows[0].stated
     if "documents" in stated:
         insert_source(session, run.id, content, {**stated, "readers": list(readers)}, {})
+    exclude_as_needed(session, axis, rows[0], is_new=added.is_new)
     reasons = list(run.quality.reasons) if run.quality.verdict == "bad" else []
     report_bad_measurement(session, axis, run.measured_at or rows[0].received_at, reasons)
     request_assessment(session, axis)
