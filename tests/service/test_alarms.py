@@ -217,6 +217,31 @@ def test_a_bad_run_that_was_analysed_at_the_machine_is_trouble_too(client: TestC
     assert alarms(client)[0]["state"] == "ended"
 
 
+BAD = replace(RUNS[0].quality, verdict="bad", reasons=("the sensor is loose.",))
+
+
+def test_a_late_older_run_does_not_end_the_trouble_of_a_newer_one(client: TestClient) -> None:
+    send_result(client, 3, quality=BAD)
+    send_result(client, 1)
+    send_result(client, 2, quality=replace(BAD, reasons=("the axis is cold.",)))
+    (alarm,) = alarms(client)
+    assert (alarm["state"], alarm["began_at"]) == ("raised", RUNS[3].measured_at)
+    assert alarm["text"] == "the sensor is loose."
+    send_result(client, 4)
+    assert alarms(client)[0]["state"] == "ended"
+    send_result(client, 0, quality=BAD)  # older than a good one
+    assert [alarm["state"] for alarm in alarms(client)] == ["ended"]
+
+
+def test_a_refused_run_is_a_trouble_from_the_time_that_it_states(
+    client: TestClient, service: Service
+) -> None:
+    send_result(client, 3)
+    send(client)  # measured before
+    work_off(service, lambda _: ("refused", "a.h5: has no channel 'a'."))
+    assert alarms(client) == []
+
+
 def test_a_preview_of_a_reset_stores_nothing(client: TestClient) -> None:
     for number in range(8):
         send_result(client, number)

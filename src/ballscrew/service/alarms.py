@@ -20,7 +20,17 @@ from ballscrew.service.serving import RefusedError, Service
 from ballscrew.store.alarms import alarm_documents
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
-from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, Message, RunRow, Setup, Trouble, Upload
+from ballscrew.store.tables import (
+    AlarmAction,
+    AlarmRow,
+    Axis,
+    Message,
+    ResultRow,
+    RunRow,
+    Setup,
+    Trouble,
+    Upload,
+)
 
 router = APIRouter(prefix="/api/v1/alarms")
 
@@ -121,6 +131,8 @@ def _add_message(session: Session, axis: Axis, subject: str, kind: str, detail: 
 def report_bad_measurement(session: Session, axis: Axis, at: str, reasons: Sequence[str]) -> None:
     """Raise a trouble with the measurement, or end it after a run without reasons.
 
+    A run that was measured before the trouble began, and one before another that is not bad, change nothing.
+
     Parameters
     ----------
     session : Session
@@ -132,7 +144,19 @@ def report_bad_measurement(session: Session, axis: Axis, at: str, reasons: Seque
     reasons : sequence of str
         Why it is bad; empty for one that is not.
     """
+    standing, time = _standing(session, axis, MEASUREMENT), moment(at, "measured_at")
+    if standing is not None and time < moment(standing.began_at, "began_at"):
+        return
+    if standing is None and reasons and _is_good_after(session, axis, time.timestamp()):
+        return
     _set_trouble(session, axis, MEASUREMENT, at if reasons else None, " ".join(reasons))
+
+
+def _is_good_after(session: Session, axis: Axis, time: float) -> bool:
+    """Whether a run that is not bad was measured after a time, s since 1970."""
+    later = select(RunRow.id).join(ResultRow, ResultRow.run_id == RunRow.id)
+    later = later.where(RunRow.axis_id == axis.id, RunRow.time > time, ResultRow.verdict != "bad")
+    return session.scalar(later.limit(1)) is not None
 
 
 def report_refused_assessment(session: Session, axis: Axis, reason: str | None) -> None:
@@ -153,9 +177,7 @@ def report_refused_assessment(session: Session, axis: Axis, reason: str | None) 
 
 def _set_trouble(session: Session, axis: Axis, kind: str, began_at: str | None, text: str = "") -> bool:
     """Raise a trouble, or end it where ``began_at`` is None; whether something changed."""
-    standing = session.scalar(
-        select(Trouble).where(Trouble.axis_id == axis.id, Trouble.kind == kind, Trouble.ended_at.is_(None))
-    )
+    standing = _standing(session, axis, kind)
     if standing is not None and began_at is not None:
         standing.text = text
         return False
@@ -176,6 +198,12 @@ def _set_trouble(session: Session, axis: Axis, kind: str, began_at: str | None, 
     _add_message(session, axis, f"trouble-{standing.id}", action, {"kind": kind, "text": standing.text})
     record(session, action, f"{kind} of {axis.name}", text=standing.text)
     return True
+
+
+def _standing(session: Session, axis: Axis, kind: str) -> Trouble | None:
+    """Trouble of an axis that has not ended."""
+    of_kind = (Trouble.axis_id == axis.id, Trouble.kind == kind, Trouble.ended_at.is_(None))
+    return session.scalar(select(Trouble).where(*of_kind))
 
 
 def watch_for_silence(service: Service, at: datetime | None = None) -> None:

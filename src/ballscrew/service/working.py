@@ -355,7 +355,8 @@ def _finish_analysis(session: Session, lease: Lease, outcome: str, value: Any) -
         for row in rows:
             row.status, row.error, row.finished_at = REFUSED, value, now()
         record(session, "reject", f"run {rows[0].key}", axis=axis.name, reason=value)
-        report_bad_measurement(session, axis, rows[0].received_at, [str(value)])
+        at = rows[0].stated.get("measured_at") or rows[0].received_at
+        report_bad_measurement(session, axis, at, [str(value)])
         return
     document, readers = value
     run = Run.from_json(document, "the run")
