@@ -85,6 +85,15 @@ def test_a_dry_run_lists_runs_and_writes_nothing(
     assert "is not TOML" in printed.err
 
 
+def test_a_doubtful_time_is_printed(
+    server: FakeServer, path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    server.doubt = "measured_at is in the future."
+    assert call(server, str(path)) == 0
+    sentence = "does not count until its time is corrected: measured_at is in the future."
+    assert capsys.readouterr().err == f"ballscrew: {path}: {sentence}\n"
+
+
 @pytest.mark.usefixtures("path")
 def test_trips_are_those_of_a_plan(server: FakeServer, capsys: pytest.CaptureFixture[str]) -> None:
     Path("plan.toml").write_text(

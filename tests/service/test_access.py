@@ -52,6 +52,7 @@ ROUTES = {
     ("GET", "/api/v1/axes/{axis}/trend"): ("/api/v1/axes/bench/trend", ADMIN),
     ("GET", "/api/v1/axes/{axis}/frequencies"): ("/api/v1/axes/bench/frequencies", ADMIN),
     ("GET", "/api/v1/axes/{axis}/mechanics"): ("/api/v1/axes/bench/mechanics", ADMIN),
+    ("POST", "/api/v1/axes/{axis}/runs/{run}/correct"): ("/api/v1/axes/bench/runs/r/correct", ADMIN),
     ("GET", "/api/v1/runs/{run}"): ("/api/v1/runs/{sent}", SEND),
     ("GET", "/api/v1/runs/{run}/cells"): ("/api/v1/runs/{sent}/cells", ADMIN),
     ("GET", "/api/v1/runs/{run}/response"): ("/api/v1/runs/{sent}/response", ADMIN),

@@ -162,6 +162,8 @@ def _report(output: TextIO | None, answer: Answer) -> None:
     done = answer.status if answer.new else f"was there already, {answer.status}"
     identity = f", id {answer.id[:12]}" if answer.id else ""
     _print(f"{answer.name}: run {answer.run} of {answer.axis}{identity}: {done}.", output)
+    if answer.doubt is not None:
+        _complain(f"{answer.name}: does not count until its time is corrected: {answer.doubt}")
 
 
 def _complain(sentence: str) -> None:

@@ -16,6 +16,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.monitoring.epochs import moment
 from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.counting import doubted_runs, doubts_of
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.store.alarms import alarm_documents
 from ballscrew.store.folder import now
@@ -156,6 +157,7 @@ def _is_good_after(session: Session, axis: Axis, time: float) -> bool:
     """Whether a run that is not bad was measured after a time, s since 1970."""
     later = select(RunRow.id).join(ResultRow, ResultRow.run_id == RunRow.id)
     later = later.where(RunRow.axis_id == axis.id, RunRow.time > time, ResultRow.verdict != "bad")
+    later = later.where(RunRow.id.not_in(doubted_runs()))
     return session.scalar(later.limit(1)) is not None
 
 
@@ -235,10 +237,18 @@ def watch_for_silence(service: Service, at: datetime | None = None) -> None:
 
 
 def _silent_since(session: Session, setup: Setup, at: datetime) -> str | None:
-    """Time of the newest run of an axis, or of its set-up, if the next run is overdue; else None."""
-    sent = session.scalar(select(func.max(Upload.received_at)).where(Upload.axis_id == setup.axis_id))
-    added = session.scalar(select(func.max(RunRow.received_at)).where(RunRow.axis_id == setup.axis_id))
-    newest = max(each for each in (sent, added, setup.set_up_at) if each is not None)
+    """Time of the newest run of an axis, or of its set-up, if the next run is overdue; else None.
+
+    A run whose time is doubtful does not count.
+    """
+    of_axis = (RunRow.axis_id == setup.axis_id, RunRow.id.not_in(doubted_runs()))
+    added = session.scalar(select(func.max(RunRow.received_at)).where(*of_axis))
+    newest = max(added or setup.set_up_at, setup.set_up_at)
+    later = select(Upload).where(Upload.axis_id == setup.axis_id, Upload.received_at > newest)
+    sent = session.scalars(later.order_by(Upload.received_at)).all()
+    for upload, doubt in zip(sent, doubts_of(session, sent), strict=True):
+        if doubt is None:
+            newest = upload.received_at
     patience = timedelta(seconds=(setup.period_s or 0.0) + (setup.grace_s or 0.0))
     if at - moment(newest, "received_at") <= patience:
         return None

@@ -1,17 +1,100 @@
-"""Which runs that were sent count: of those with common recordings the most complete one."""
+"""Which runs that were sent count: the most complete ones, with a time that is not doubtful."""
 
 from __future__ import annotations
 
-from sqlalchemy import select
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from ballscrew.store.changing import insert_exclusion
+from ballscrew.base.errors import InputError
+from ballscrew.monitoring.epochs import moment
+from ballscrew.store.changing import SERVER, insert_exclusion
 from ballscrew.store.reading import current_rows
-from ballscrew.store.tables import Axis, RecordingRow, ResultRow, RunRow, Upload
+from ballscrew.store.tables import Axis, Exclusion, RecordingRow, ResultRow, RunRow, Upload
+
+CLOCK_TOLERANCE = 300.0
+"""Time by which a run may be measured after its receipt, s: clocks differ."""
+
+FAR = 366 * 24 * 3600.0
+"""A time that differs by more from the receipt and from every other run of the axis is doubtful, s: a clock
+that lost its battery begins years ago."""
 
 
-def exclude_as_needed(session: Session, axis: Axis, sent: Upload, *, is_new: bool) -> None:
-    """Exclude parts of more complete runs.
+def doubt_of_time(
+    session: Session, axis: int, measured_at: str | None, received_at: str, run: str | None = None
+) -> str | None:
+    """Why the time of a run is doubtful.
+
+    Parameters
+    ----------
+    session : Session
+        Reading.
+    axis : int
+        Number of its axis.
+    measured_at : str or None
+        Time of the run.
+    received_at : str
+        Time of its receipt.
+    run : str, optional
+        Its id, where it was added.
+
+    Returns
+    -------
+    str or None
+        A sentence; None where the time is not doubtful.
+    """
+    if measured_at is None:
+        return None
+    measured = moment(measured_at, "measured_at").timestamp()
+    received = moment(received_at, "received_at").timestamp()
+    if measured > received + CLOCK_TOLERANCE:
+        return f"measured_at, {measured_at}, is in the future."
+    others = (RunRow.axis_id == axis, RunRow.id.not_in(doubted_runs()), RunRow.run != (run or ""))
+    before = session.scalar(select(func.max(RunRow.time)).where(*others, RunRow.time <= measured))
+    after = session.scalar(select(func.min(RunRow.time)).where(*others, RunRow.time >= measured))
+    times = [each for each in (before, after) if each is not None]
+    if times and min(abs(each - measured) for each in (*times, received)) > FAR:
+        return f"measured_at, {measured_at}, is more than a year from every other run and from its receipt."
+    return None
+
+
+def check_time(measured_at: str) -> None:
+    """Check that the time to which a run is corrected is not in the future.
+
+    Raises
+    ------
+    InputError
+        If it is, or is no time.
+    """
+    if moment(measured_at, "measured_at").timestamp() > time.time() + CLOCK_TOLERANCE:
+        raise InputError(f"measured_at is {measured_at!r}, in the future.")
+
+
+def doubted_runs() -> Any:
+    """Selection of the numbers of runs that do not count because of their times."""
+    standing = (Exclusion.run_id.is_not(None), Exclusion.ended_at.is_(None))
+    return select(Exclusion.run_id).where(Exclusion.actor == SERVER, *standing)
+
+
+def doubts_of(session: Session, rows: Sequence[Upload]) -> list[str | None]:
+    """Why the time of each run that was sent is doubtful; None where it is not."""
+    standing = select(RunRow.run, Exclusion.reason).join(RunRow, RunRow.id == Exclusion.run_id)
+    standing = standing.where(Exclusion.actor == SERVER, Exclusion.ended_at.is_(None))
+    reasons: dict[str, str] = {run: reason for run, reason in session.execute(standing)}  # noqa: C416
+    found = []
+    for row in rows:
+        doubt = reasons.get(row.run or "")
+        if row.run is None:
+            doubt = doubt_of_time(session, row.axis_id, row.stated.get("measured_at"), row.received_at)
+        found.append(doubt)
+    return found
+
+
+def exclude_as_needed(session: Session, axis: Axis, sent: Upload, *, is_new: bool) -> str | None:
+    """Exclude a run whose time is doubtful, and parts of more complete runs.
 
     Parameters
     ----------
@@ -23,10 +106,21 @@ def exclude_as_needed(session: Session, axis: Axis, sent: Upload, *, is_new: boo
         How the run was sent, with the id of its result.
     is_new : bool
         Whether the result is new; else nothing changes, since a person may have included it.
+
+    Returns
+    -------
+    str or None
+        Why its time is doubtful; None where it is not.
     """
-    if is_new:
-        run = session.scalars(select(RunRow).where(RunRow.run == sent.run)).all()[0]
+    if not is_new:
+        return None
+    run = session.scalars(select(RunRow).where(RunRow.run == sent.run)).all()[0]
+    doubt = doubt_of_time(session, axis.id, run.measured_at, sent.received_at, run.run)
+    if doubt is None:
         exclude_parts(session, axis, run, sent.sender)
+    else:
+        insert_exclusion(session, run, doubt, SERVER)
+    return doubt
 
 
 def exclude_parts(session: Session, axis: Axis, run: RunRow, by: str) -> None:

@@ -22,7 +22,7 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.service.access import AdminCaller, AnyCaller, RunningService
 from ballscrew.service.jobs import ANALYSE, ASSESS, enqueue, job_documents
-from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_document
+from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_documents
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.stored_runs import result_document
 from ballscrew.store.explaining import find_explanation
@@ -162,7 +162,7 @@ def show_runs(axis: str, caller: AdminCaller, service: RunningService) -> dict[s
     runs = axis_document(service, axis)["runs"]
     with service.store.read() as session:
         found = select(Upload).join(Axis, Axis.id == Upload.axis_id).where(Axis.name == axis)
-        sent = [upload_document(row) for row in session.scalars(found.order_by(Upload.id))]
+        sent = upload_documents(session, session.scalars(found.order_by(Upload.id)).all())
     return {"schema": SCHEMA, "axis": axis, "runs": runs, "sent": sent}
 
 
@@ -217,7 +217,7 @@ def show_run(run: str, caller: AnyCaller, service: RunningService) -> dict[str, 
             raise RefusedError(403, "the token of a machine shows the runs of this machine.")
         if axis is None:
             raise RefusedError(404, f"there is no run {shown(run)}.")
-        document = {"schema": SCHEMA, "axis": axis.name, "sent": [upload_document(each) for each in sent]}
+        document = {"schema": SCHEMA, "axis": axis.name, "sent": upload_documents(session, sent)}
         document["run"] = None if row is None else result_document(session, axis, row)
         return document
 

@@ -32,6 +32,9 @@ from ballscrew.store.tables import (
     unpack,
 )
 
+SERVER = "server"
+"""Actor of the exclusion of a run whose time is doubtful; a correction of the time ends it."""
+
 
 def correct_run(
     store: OpenStore,
@@ -40,6 +43,7 @@ def correct_run(
     measured_at: str | None = None,
     mass: str | float | None = None,
     reason: str = "",
+    by: str | None = None,
 ) -> str:
     """Correct the time or the load of a run; the run as it was stays in the store.
 
@@ -53,6 +57,8 @@ def correct_run(
         As for :func:`ballscrew.amend`; data sheet and plan are those in the store.
     reason : str
         Why.
+    by : str, optional
+        Who wants it; by default who runs this process.
 
     Returns
     -------
@@ -81,7 +87,9 @@ def correct_run(
                 )
             check_added(insert_run(session, corrected, method.revision), f"the run {new[:12]}")
         if session.scalar(select(Correction.id).where(Correction.subject == new)) is None:
-            _record_corrections(session, row, new, reason)
+            _record_corrections(session, row, new, reason, by or actor())
+        if measured_at is not None:
+            _include(session, row, "its time was corrected.", by or actor(), (SERVER,))
     return new
 
 
@@ -130,7 +138,7 @@ def _document(session: Session, run: Run, kind: str, read: Callable[[Path], Any]
         return read(path)
 
 
-def _record_corrections(session: Session, former: RunRow, new: str, reason: str) -> None:
+def _record_corrections(session: Session, former: RunRow, new: str, reason: str, by: str) -> None:
     """Rows of the values that differ between a run and its correction."""
     row = session.scalars(select(RunRow).where(RunRow.run == new)).all()[0]
     changed: dict[str, Any] = {}
@@ -145,11 +153,11 @@ def _record_corrections(session: Session, former: RunRow, new: str, reason: str)
                     old=None if old is None else str(old),
                     new=str(value),
                     reason=reason,
-                    actor=actor(),
+                    actor=by,
                     at=now(),
                 )
             )
-    record(session, "correct", f"run {former.run}", new_run=new, reason=reason, **changed)
+    record(session, "correct", f"run {former.run}", new_run=new, reason=reason, by=by, **changed)
 
 
 def choose_model(store: OpenStore, axis: str, model: str, *, reason: str = "") -> str:
