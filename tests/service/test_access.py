@@ -54,6 +54,7 @@ ROUTES = {
     ("GET", "/api/v1/axes/{axis}/mechanics"): ("/api/v1/axes/bench/mechanics", ADMIN),
     ("POST", "/api/v1/axes/{axis}/runs/{run}/correct"): ("/api/v1/axes/bench/runs/r/correct", ADMIN),
     ("GET", "/api/v1/runs/{run}"): ("/api/v1/runs/{sent}", SEND),
+    ("GET", "/api/v1/runs/{run}/document"): ("/api/v1/runs/{sent}/document", SEND),
     ("GET", "/api/v1/runs/{run}/cells"): ("/api/v1/runs/{sent}/cells", ADMIN),
     ("GET", "/api/v1/runs/{run}/response"): ("/api/v1/runs/{sent}/response", ADMIN),
     ("GET", "/api/v1/runs/{run}/signals"): ("/api/v1/runs/{sent}/signals?file=9", ADMIN),

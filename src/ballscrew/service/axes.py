@@ -24,7 +24,8 @@ from ballscrew.service.access import AdminCaller, Caller, RunningService, find_s
 from ballscrew.service.counting import check_time
 from ballscrew.service.jobs import request_assessment
 from ballscrew.service.reading import missing_of
-from ballscrew.service.serving import RefusedError, Service
+from ballscrew.service.serving import Service
+from ballscrew.service.stored_runs import locate_run
 from ballscrew.store.adding import add_events, add_model, add_sheet, insert_document
 from ballscrew.store.changing import choose_model, correct_run, exclude
 from ballscrew.store.folder import now
@@ -218,13 +219,14 @@ def correct_stored_run(
 def _find(
     service: Service, axis: str, column: InstrumentedAttribute[str], subject: str, caller: Caller
 ) -> str:
-    """Id of a run or an event of an axis."""
+    """Whole id of a run or an event of an axis."""
     with service.store.read() as session:
         row = find_sent_axis(session, axis, caller)
+        if column is RunRow.run:
+            return locate_run(session, subject, axis=row).id
         found = session.scalar(select(column).where(column.class_.axis_id == row.id, column == subject))
     if found is None:
-        what = "run" if column is RunRow.run else "event"
-        raise RefusedError(404, f"there is no {what} {shown(subject)} of the axis {shown(axis)}.")
+        raise RefusedError(404, f"there is no event {shown(subject)} of the axis {shown(axis)}.")
     return subject
 
 
