@@ -21,7 +21,7 @@ from ballscrew.service.serving import Service
 from ballscrew.service.working import finish
 from ballscrew.store.adding import add_run
 from ballscrew.store.changing import exclude
-from ballscrew.store.tables import Message
+from ballscrew.store.tables import Message, Setup
 
 
 def assess(service: Service) -> None:
@@ -252,6 +252,21 @@ def test_a_preview_of_a_reset_stores_nothing(client: TestClient) -> None:
     assert client.get("/api/v1/axes/bench").json()["events"] == []
     assert client.post("/api/v1/axes/bench/events", json=event).json()["new"]
     assert len(client.get("/api/v1/axes/bench").json()["events"]) == 1
+
+
+def test_a_weekend_is_no_silence(new_service: NewService) -> None:
+    service = new_service(working_days=("Mon", "Tue", "Wed", "Thu", "Fri"), time_zone="Europe/Berlin")
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP | {"schedule": {"period_s": 24 * 3600}})
+        now = datetime.now(UTC)
+        sunday = now + timedelta(days=6 - now.weekday(), weeks=1)
+        with service.store.write("test") as session:
+            for setup in session.scalars(select(Setup)):
+                setup.set_up_at = (sunday - timedelta(days=2)).isoformat()  # Friday at this time of day
+        watch_for_silence(service, sunday)
+        assert alarms(client) == []
+        watch_for_silence(service, sunday + timedelta(days=2))
+        assert [alarm["kind"] for alarm in alarms(client)] == ["silence"]
 
 
 def test_what_changes_is_streamed_without_a_gap(client: TestClient, service: Service) -> None:

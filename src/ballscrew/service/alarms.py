@@ -18,6 +18,7 @@ from ballscrew.monitoring.epochs import moment
 from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.counting import doubted_runs, doubts_of
 from ballscrew.service.serving import RefusedError, Service
+from ballscrew.service.settings import ServerSettings, is_overdue
 from ballscrew.store.alarms import alarm_documents
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
@@ -222,7 +223,7 @@ def watch_for_silence(service: Service, at: datetime | None = None) -> None:
     with service.store.read() as session:
         late: dict[int, str | None] = {}
         for setup in session.scalars(select(Setup).where(Setup.period_s.is_not(None))):
-            late[setup.axis_id] = _silent_since(session, setup, at)
+            late[setup.axis_id] = _silent_since(session, service.settings, setup, at)
         standing = select(Trouble.axis_id).where(Trouble.kind == SILENCE, Trouble.ended_at.is_(None))
         raised = set(session.scalars(standing))
     late |= dict.fromkeys(raised - late.keys())  # of a schedule that was removed
@@ -236,7 +237,7 @@ def watch_for_silence(service: Service, at: datetime | None = None) -> None:
         service.announce()
 
 
-def _silent_since(session: Session, setup: Setup, at: datetime) -> str | None:
+def _silent_since(session: Session, settings: ServerSettings, setup: Setup, at: datetime) -> str | None:
     """Time of the newest run of an axis, or of its set-up, if the next run is overdue; else None.
 
     A run whose time is doubtful does not count.
@@ -250,6 +251,6 @@ def _silent_since(session: Session, setup: Setup, at: datetime) -> str | None:
         if doubt is None:
             newest = upload.received_at
     patience = timedelta(seconds=(setup.period_s or 0.0) + (setup.grace_s or 0.0))
-    if at - moment(newest, "received_at") <= patience:
+    if not is_overdue(settings, moment(newest, "received_at"), at, patience):
         return None
     return newest

@@ -24,7 +24,7 @@ from ballscrew.service.access import AdminCaller, Caller, RunningService, find_s
 from ballscrew.service.counting import check_time
 from ballscrew.service.jobs import request_assessment
 from ballscrew.service.reading import missing_of
-from ballscrew.service.serving import Service
+from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.stored_runs import locate_run
 from ballscrew.store.adding import add_events, add_model, add_sheet, insert_document
 from ballscrew.store.changing import choose_model, correct_run, exclude
