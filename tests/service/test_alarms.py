@@ -254,6 +254,17 @@ def test_a_preview_of_a_reset_stores_nothing(client: TestClient) -> None:
     assert len(client.get("/api/v1/axes/bench").json()["events"]) == 1
 
 
+def test_one_preview_is_computed_at_a_time(client: TestClient, service: Service) -> None:
+    send_result(client, 0)
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    url, event = "/api/v1/axes/bench/events?preview=true", [{"at": RUNS[5].measured_at, "kind": "note"}]
+    with service.computing("this test"):
+        answer = client.post(url, json=event)
+    assert (answer.status_code, answer.headers["Retry-After"]) == (503, "10")
+    assert client.post(url, json=[{"at": "soon", "kind": "note"}]).status_code == 422
+    assert [client.post(url, json=event).status_code for _ in range(2)] == [200, 200]
+
+
 def test_a_weekend_is_no_silence(new_service: NewService) -> None:
     service = new_service(working_days=("Mon", "Tue", "Wed", "Thu", "Fri"), time_zone="Europe/Berlin")
     with client_of(service) as client:
