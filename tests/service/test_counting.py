@@ -18,7 +18,7 @@ from ballscrew.calibration.modelfile import model_json
 from ballscrew.service.alarms import watch_for_silence
 from ballscrew.service.serving import Service
 from ballscrew.store.store import Store
-from ballscrew.store.tables import Audit
+from ballscrew.store.tables import Audit, RunRow, Setup, Upload
 
 TRIPS = tuple(FileRef(f"trip{number}.h5", f"{number:02d}" * 32) for number in range(1, 5))
 BAD = replace(RUNS[0].quality, verdict="bad", reasons=("the sensor is loose.",))
@@ -67,6 +67,13 @@ def test_the_order_of_arrival_does_not_matter(client: TestClient, order: tuple[s
         changes = {"quality": BAD} if name == bad else {}
         send_trips(client, name, trips[name], **changes)
     assert counting(client) == ({"complete"} if bad == "more" else {"more"})
+
+
+def test_parts_of_a_bad_run_that_does_not_count_stay(client: TestClient) -> None:
+    send_trips(client, "incomplete", "1")
+    send_trips(client, "complete", "2", quality=BAD)
+    send_trips(client, "more", "12", quality=BAD)
+    assert counting(client) == {"incomplete", "complete"}
 
 
 @pytest.mark.parametrize(
@@ -147,20 +154,33 @@ def test_a_run_whose_time_is_doubtful_neither_hides_silence_nor_ends_a_trouble(
 ) -> None:
     client.put("/api/v1/axes/bench", json=SETUP | {"schedule": {"period_s": 3600}})
     send_result(client, 0, quality=BAD)
-    later = datetime.now(UTC) + timedelta(hours=2)
-    watch_for_silence(service, later)
-    send_result(client, 1, measured_at=FUTURE)
-    watch_for_silence(service, later)
-    text = RUN_TOML.replace("2026-01-01T08:00:00Z", f'"{FUTURE}"')
-    assert send(client, run_toml=text).json()["doubt"] is not None  # before its analysis
-    watch_for_silence(service, later)
-    troubles = client.get("/api/v1/alarms").json()["alarms"]
-    assert [(each["kind"], each["state"]) for each in troubles] == [
-        ("silence", "raised"), ("measurement", "raised"),
-    ]  # fmt: skip
+    before = (datetime.now(UTC) - timedelta(hours=2)).isoformat(timespec="milliseconds")
+    with service.store.write("test") as session:
+        session.scalars(select(Setup)).one().set_up_at = before
+        for row in (*session.scalars(select(RunRow)), *session.scalars(select(Upload))):
+            row.received_at = before
+    watch_for_silence(service)
+    for doubtful in (True, False):
+        time = FUTURE if doubtful else RUNS[2].measured_at
+        text = RUN_TOML.replace("2026-01-01T08:00:00Z", f'"{time}"')
+        run = f"/api/v1/axes/bench/runs/{doubtful}"
+        send_result(client, 1 if doubtful else 2, measured_at=time)
+        watch_for_silence(service)
+        answer = send(client, run, run_toml=text).json()  # which waits for its analysis
+        assert (answer["doubt"] is not None) == doubtful
+        watch_for_silence(service)
+        troubles = client.get("/api/v1/alarms").json()["alarms"]
+        states = {each["kind"]: each["state"] for each in troubles}
+        assert set(states.values()) == ({"raised"} if doubtful else {"ended"})
+
+
+def test_a_refused_run_with_a_doubtful_time_is_a_trouble_from_its_receipt(
+    client: TestClient, service: Service
+) -> None:
+    answer = send(client, run_toml=RUN_TOML.replace("2026-01-01T08:00:00Z", f'"{FUTURE}"')).json()
     work_off(service, lambda _: ("refused", "a.h5: has no channel 'a'."))
-    began = [each["began_at"] for each in client.get("/api/v1/alarms").json()["alarms"]]
-    assert FUTURE not in began
+    (trouble,) = client.get("/api/v1/alarms").json()["alarms"]
+    assert trouble["began_at"] == answer["received_at"]
 
 
 @pytest.mark.parametrize(

@@ -126,8 +126,8 @@ def exclude_as_needed(session: Session, axis: Axis, sent: Upload, *, is_new: boo
 def exclude_parts(session: Session, axis: Axis, run: RunRow, by: str) -> None:
     """Exclude runs whose recordings are a part of those of a more complete run of the same load.
 
-    Of a more complete run that is bad and a part that is not, the part counts. The result does not depend on
-    the order of arrival.
+    Of a more complete run that is bad and a part that is not, the part counts. Which of several runs counts,
+    of which each contains the next, does not depend on the order of arrival.
 
     Parameters
     ----------
