@@ -76,6 +76,7 @@ WORKING = {"working_days": ("Mon", "Tue", "Wed", "Thu", "Fri"), "time_zone": "Eu
         ("2026-01-02T08:00+01:00", "2026-01-06T08:00+01:00", 24, WORKING | {"holidays": ("2026-01-05",)}),
         ("2026-01-02T08:00Z", "2026-01-05T08:00Z", 24, WORKING),  # midnight is that of the zone
         ("2026-01-02T23:30Z", "2026-01-04T22:30Z", 0, WORKING),
+        ("2026-01-04T23:30Z", "2026-01-05T23:00Z", 23.5, WORKING),
         ("2026-03-27T00:00+01:00", "2026-03-31T00:00+02:00", 48, WORKING),  # with the change to summer time
         ("2026-03-29T00:00+01:00", "2026-03-30T00:00+02:00", 23, {"time_zone": "Europe/Berlin"}),
         ("2026-01-02T08:00Z", "2026-01-01T08:00Z", 0, {}),
