@@ -30,29 +30,14 @@ from typing import Any
 
 import httpx
 import numpy as np
+from tests.simulated_bench import AXIS
 
 from ballscrew.store.checking import verify
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.tables import ResultRow, RunRow, Upload
 from benchmarks import store_kills
 
-_SHEET = """
-name = "axis"
-support = "fixed-free"
-bearing.stiffness = "160 N/um"
-table.mass = "32 kg"
-drive.rotor_inertia = "4.2e-4 kg m^2"
-guide.friction = "25 N"
-[screw]
-lead = "10 mm"
-root_diameter = "17.6 mm"
-length = "650 mm"
-bearing_to_zero = "80 mm"
-dynamic_load_rating = "15 kN"
-rigidity = "480 N/um"
-rigidity_preload_ratio = 0.10
-preload_ratio = 0.04
-"""
+_SHEET = AXIS.replace('"bench"', '"axis"')
 _CHANNELS = '[[channel]]\nsource = "a"\nquantity = "torque"\nunit = "N m"\n'
 _ANALYSIS = "BALLSCREW_BENCHMARK_ANALYSIS"
 _PATIENCE = 600.0  # s

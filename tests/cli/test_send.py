@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.sending.conftest import write_run
@@ -85,6 +87,47 @@ def test_a_dry_run_lists_runs_and_writes_nothing(
     assert "is not TOML" in printed.err
 
 
+def test_one_document_of_what_was_sent(
+    server: FakeServer, path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def documents(*arguments: str) -> dict[str, Any]:
+        statuses.append(call(server, *arguments, "--json"))
+        found: dict[str, Any] = json.loads(capsys.readouterr().out)
+        return found
+
+    statuses: list[int] = []
+    server.token = "bs"  # noqa: S105
+    found = documents(str(path), "none.toml")
+    assert (found["sent"], found["spooled"], found["rejected"]) == ([], [str(path)], [])
+    assert "none.toml: cannot be read" in found["failures"][0]
+    assert "no token was given" in found["reason"]
+    server.token = None
+    found = documents()
+    ((_, key),) = server.runs
+    assert found["sent"] == [
+        {
+            "name": str(path), "axis": "X axis", "run": key, "id": "f" * 64, "status": "queued", "new": True,
+            "doubt": None,
+        }
+    ]  # fmt: skip
+    assert (found["spooled"], found["reason"]) == ([], None)
+    found = documents(str(path))
+    assert (found["sent"], [each["run"] for each in found["there_already"]]) == ([], [key])
+    server.faults.append(Fault("POST", 422, detail="is wrong"))
+    found = documents(str(path))
+    assert "refused: 422 is wrong (its copy is in " in found["rejected"][0]
+    assert statuses == [75, 0, 0, 2]
+
+
+def test_a_doubtful_time_is_printed(
+    server: FakeServer, path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    server.doubt = "measured_at is in the future."
+    assert call(server, str(path)) == 0
+    sentence = "does not count until its time is corrected: measured_at is in the future."
+    assert capsys.readouterr().err == f"ballscrew: {path}: {sentence}\n"
+
+
 @pytest.mark.usefixtures("path")
 def test_trips_are_those_of_a_plan(server: FakeServer, capsys: pytest.CaptureFixture[str]) -> None:
     Path("plan.toml").write_text(
@@ -124,6 +167,8 @@ def test_a_watch_ends_with_an_interrupt(
         (("send", "--to", "http://localhost", "--watch", "none"), "is not a folder"),
         (("send", "--to", "http://localhost", "--watch", ".", "a.h5"), "without FILES"),
         (("send", "--to", "http://localhost", "--trips", "0"), "--trips"),
+        (("send", "--to", "http://localhost", "--watch", ".", "--json"), "--json reports"),
+        (("send", "--to", "http://localhost", "--dry-run", "--json"), "--json reports"),
         (("send", "--to", "http://localhost", "--token-file", "none.txt"), "none.txt"),
     ],
 )

@@ -46,6 +46,7 @@ class FakeServer:
     log: list[str] = field(default_factory=list)
     received: int = 0
     address: str = ""
+    doubt: str | None = None
     release: threading.Event = field(default_factory=threading.Event)
 
     def fault(self, method: str) -> Fault | None:
@@ -157,7 +158,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.answer(422, {"detail": "a file is missing"})
             return
         known = fake.runs.get((axis, run))
-        answer = {"run": run, "id": "f" * 64, "status": "queued"}
+        answer = {"run": run, "id": "f" * 64, "status": "queued", "doubt": fake.doubt}
         if known is None:
             fake.runs[axis, run] = document
             self.finish(202, answer, kind)

@@ -121,6 +121,12 @@ def test_without_an_axis_the_option_is_named(tmp_path: Path) -> None:
     assert "give its name (--axis)" in only_error(touch(tmp_path, "a.h5"), RunRule())
 
 
+@pytest.mark.parametrize("name", ["X/Y", "..", " "])
+def test_an_axis_that_no_server_has_is_not_sent(tmp_path: Path, name: str) -> None:
+    sentence = only_error(touch(tmp_path, "a.h5"), RunRule(axis=name))
+    assert "it must have a letter or a digit, and no '/'" in sentence
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

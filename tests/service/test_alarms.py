@@ -21,7 +21,7 @@ from ballscrew.service.serving import Service
 from ballscrew.service.working import finish
 from ballscrew.store.adding import add_run
 from ballscrew.store.changing import exclude
-from ballscrew.store.tables import Message
+from ballscrew.store.tables import Message, Setup
 
 
 def assess(service: Service) -> None:
@@ -218,6 +218,31 @@ def test_a_bad_run_that_was_analysed_at_the_machine_is_trouble_too(client: TestC
     assert alarms(client)[0]["state"] == "ended"
 
 
+BAD = replace(RUNS[0].quality, verdict="bad", reasons=("the sensor is loose.",))
+
+
+def test_a_late_older_run_does_not_end_the_trouble_of_a_newer_one(client: TestClient) -> None:
+    send_result(client, 3, quality=BAD)
+    send_result(client, 1)
+    send_result(client, 2, quality=replace(BAD, reasons=("the axis is cold.",)))
+    (alarm,) = alarms(client)
+    assert (alarm["state"], alarm["began_at"]) == ("raised", RUNS[3].measured_at)
+    assert alarm["text"] == "the sensor is loose."
+    send_result(client, 4)
+    assert alarms(client)[0]["state"] == "ended"
+    send_result(client, 0, quality=BAD)  # older than a good one
+    assert [alarm["state"] for alarm in alarms(client)] == ["ended"]
+
+
+def test_a_refused_run_is_a_trouble_from_the_time_that_it_states(
+    client: TestClient, service: Service
+) -> None:
+    send_result(client, 3)
+    send(client)  # measured before
+    work_off(service, lambda _: ("refused", "a.h5: has no channel 'a'."))
+    assert alarms(client) == []
+
+
 def test_a_preview_of_a_reset_stores_nothing(client: TestClient) -> None:
     for number in range(8):
         send_result(client, number)
@@ -228,6 +253,32 @@ def test_a_preview_of_a_reset_stores_nothing(client: TestClient) -> None:
     assert client.get("/api/v1/axes/bench").json()["events"] == []
     assert client.post("/api/v1/axes/bench/events", json=event).json()["new"]
     assert len(client.get("/api/v1/axes/bench").json()["events"]) == 1
+
+
+def test_one_preview_is_computed_at_a_time(client: TestClient, service: Service) -> None:
+    send_result(client, 0)
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    url, event = "/api/v1/axes/bench/events?preview=true", [{"at": RUNS[5].measured_at, "kind": "note"}]
+    with service.computing("this test"):
+        answer = client.post(url, json=event)
+    assert (answer.status_code, answer.headers["Retry-After"]) == (503, "10")
+    assert client.post(url, json=[{"at": "soon", "kind": "note"}]).status_code == 422
+    assert [client.post(url, json=event).status_code for _ in range(2)] == [200, 200]
+
+
+def test_a_weekend_is_no_silence(new_service: NewService) -> None:
+    service = new_service(working_days=("Mon", "Tue", "Wed", "Thu", "Fri"), time_zone="Europe/Berlin")
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP | {"schedule": {"period_s": 24 * 3600}})
+        now = datetime.now(UTC)
+        sunday = now + timedelta(days=6 - now.weekday(), weeks=1)
+        with service.store.write("test") as session:
+            for setup in session.scalars(select(Setup)):
+                setup.set_up_at = (sunday - timedelta(days=2)).isoformat()  # Friday at this time of day
+        watch_for_silence(service, sunday)
+        assert alarms(client) == []
+        watch_for_silence(service, sunday + timedelta(days=2))
+        assert [alarm["kind"] for alarm in alarms(client)] == ["silence"]
 
 
 def test_what_changes_is_streamed_without_a_gap(client: TestClient, service: Service) -> None:

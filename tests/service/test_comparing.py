@@ -98,7 +98,7 @@ def test_what_is_not_there_is_a_sentence(filled: TestClient, path: str, status: 
 def test_the_beginning_of_an_id_is_enough_if_it_is_that_of_one_run(filled: TestClient) -> None:
     assert cells(filled, RUNS[3].id[:12])["run"] == RUNS[3].id
     for letter in "ab":
-        send_result(filled, 5, f"twin {letter}", id="0123" + 60 * letter)
-    answer = filled.get("/api/v1/runs/0123/cells")
-    assert answer.status_code == 300
-    assert answer.json()["runs"] == ["0123" + 60 * letter for letter in "ab"]
+        send_result(filled, 5, f"twin {letter}", id="01234567" + 56 * letter)
+    answer = filled.get("/api/v1/runs/01234567/cells")
+    assert answer.status_code == 409
+    assert answer.json()["runs"] == ["01234567" + 56 * letter for letter in "ab"]

@@ -18,6 +18,7 @@ from fastapi import FastAPI
 from tests.service.conftest import SETUP, NewService, client_of, sha256, work_off
 from tests.store.stored import count, imitate_analysis, write_recordings
 
+from ballscrew.sending.outgoing import RunRule
 from ballscrew.sending.sender import SendHooks, SendResult, send
 from ballscrew.sending.settings import SendSettings
 from ballscrew.service.app import create_app
@@ -25,6 +26,7 @@ from ballscrew.service.jobs import Lease
 from ballscrew.service.serving import Service
 from ballscrew.service.tokens import create_token, revoke_token
 from ballscrew.service.working import do_task, task_of
+from ballscrew.store.showing import show_axis, show_run
 from ballscrew.store.store import Store
 from ballscrew.store.tables import RawFile, RunRow
 
@@ -118,6 +120,22 @@ def test_a_run_is_sent_analysed_and_known_when_it_is_sent_again(plant: Plant, ru
     assert (again.id, again.run, again.status, again.new) == (answer.id, answer.run, "done", False)
     assert (count(plant.service.store, RunRow), count(plant.service.store, RawFile)) == (1, 2)
     assert Store.verify(plant.service.store.path).faults == ()
+
+
+def test_an_incomplete_run_and_its_late_trip_are_one_run_that_counts(plant: Plant, tmp_path: Path) -> None:
+    rule = RunRule(axis="bench", pattern="{run}_trip{trip}.bin", trips=3, incomplete=True)
+    folder = tmp_path / "night"
+    folder.mkdir()
+    for trip in (1, 2, 3):
+        (folder / f"night_trip{trip}.bin").write_bytes(b"trip %d" % trip * 1000)
+        if trip > 1:
+            assert send([folder], plant.address, rule=rule, settings=plant.settings).sent[0].new
+    plant.analyse()
+    store = plant.service.store
+    axis = show_axis(store, "bench")
+    trips = {len(show_run(store, run["run"])["recordings"]): run["counts"] for run in axis["runs"]}
+    assert trips == {2: False, 3: True}
+    assert (axis["shared_recordings"], axis["exclusions"][0]["actor"]) == ([], "token 2")
 
 
 def test_other_content_under_a_key_is_refused_and_the_first_stays(

@@ -5,14 +5,23 @@ from __future__ import annotations
 import json
 import re
 import sys
+from datetime import date, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.docs.pages import page
 
 from ballscrew.base.errors import InputError
 from ballscrew.cli.shell import run
-from ballscrew.service.settings import PREFIX, ServerSettings, default_folder, origins, read_settings
+from ballscrew.service.settings import (
+    PREFIX,
+    ServerSettings,
+    default_folder,
+    is_overdue,
+    origins,
+    read_settings,
+)
 
 
 def test_an_option_overrides_the_environment_which_overrides_the_file(
@@ -43,6 +52,9 @@ def test_an_option_overrides_the_environment_which_overrides_the_file(
         ('method = "best"', "method is 'best'"),
         ("workers = 0", "workers is 0"),
         ("allowed_hosts = 3", "allowed_hosts is 3"),
+        ('working_days = ["Montag"]', "working_days"),
+        ("working_days = []", "working_days"),
+        ('holidays = ["Christmas"]', "holidays"),
     ],
 )
 def test_a_wrong_setting_is_a_sentence(tmp_path: Path, text: str, message: str) -> None:
@@ -50,6 +62,47 @@ def test_a_wrong_setting_is_a_sentence(tmp_path: Path, text: str, message: str) 
     with pytest.raises(InputError, match=re.escape(message)) as caught:
         read_settings(tmp_path, None, {})
     assert "server.toml" in str(caught.value)
+
+
+WORKING = {"working_days": ("Mon", "Tue", "Wed", "Thu", "Fri"), "time_zone": "Europe/Berlin"}
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "hours", "settings"),
+    [
+        ("2026-01-02T08:00+01:00", "2026-01-03T08:00+01:00", 24, {}),  # Friday to Saturday
+        ("2026-01-02T08:00+01:00", "2026-01-05T08:00+01:00", 24, WORKING),  # to Monday
+        ("2026-01-03T08:00+01:00", "2026-01-04T08:00+01:00", 0, WORKING),
+        ("2026-01-02T08:00+01:00", "2026-01-06T08:00+01:00", 24, WORKING | {"holidays": ("2026-01-05",)}),
+        ("2026-01-02T08:00Z", "2026-01-05T08:00Z", 24, WORKING),  # midnight is that of the zone
+        ("2026-01-02T23:30Z", "2026-01-04T22:30Z", 0, WORKING),
+        ("2026-01-04T23:30Z", "2026-01-05T23:00Z", 23.5, WORKING),
+        ("2026-03-27T00:00+01:00", "2026-03-31T00:00+02:00", 48, WORKING),  # with the change to summer time
+        ("2026-03-29T00:00+01:00", "2026-03-30T00:00+02:00", 23, {"time_zone": "Europe/Berlin"}),
+        ("2026-01-02T08:00Z", "2026-01-01T08:00Z", 0, {}),
+    ],
+)
+def test_silence_is_counted_on_working_days_alone(
+    begin: str, end: str, hours: float, settings: dict[str, Any]
+) -> None:
+    found = ServerSettings(**settings)
+    times = datetime.fromisoformat(begin), datetime.fromisoformat(end)
+    assert not is_overdue(found, *times, timedelta(hours=hours))
+    if hours > 0:
+        assert is_overdue(found, *times, timedelta(hours=hours, seconds=-1))
+
+
+def test_days_are_read_from_the_file_and_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "server.toml"
+    path.write_text('working_days = ["Mon", "Tue"]\nholidays = [2026-12-25]\ntime_zone = "Asia/Tokyo"\n')
+    found = read_settings(tmp_path, None, {})
+    assert (found.working_days, found.holidays) == (("Mon", "Tue"), (date(2026, 12, 25),))
+    assert run(["serve", "--data", str(tmp_path), "--check", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)["settings"]
+    assert printed["holidays"]["value"] == ["2026-12-25"]
+    for zone in ("Mars/Base", "", "../x", "\x00", "/etc/passwd"):
+        (problem,) = ServerSettings(time_zone=zone).problems()
+        assert problem.startswith("time_zone: ")
 
 
 def test_a_wrong_variable_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

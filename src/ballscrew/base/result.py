@@ -138,10 +138,14 @@ def export_table(table: pd.DataFrame, path: str | Path) -> None:
         if temporary.suffix.casefold() == ".parquet":
             table.to_parquet(temporary, engine="pyarrow", index=False)
         else:
-            safe = table.map(_not_executed).rename(columns=_not_executed)
-            safe.to_csv(
-                temporary, index=False, lineterminator="\n", encoding="utf-8", quoting=csv.QUOTE_NONNUMERIC
-            )
+            temporary.write_text(csv_text(table), encoding="utf-8", newline="")
+
+
+def csv_text(table: pd.DataFrame) -> str:
+    """Table as CSV: texts are quoted, and an apostrophe precedes one that a spreadsheet would execute."""
+    safe = table.map(_not_executed).rename(columns=_not_executed)
+    text: str = safe.to_csv(index=False, lineterminator="\n", quoting=csv.QUOTE_NONNUMERIC)
+    return text
 
 
 def _real(table: pd.DataFrame) -> pd.DataFrame:

@@ -99,6 +99,9 @@ def send(
     dry_run: Annotated[
         bool, flag("List what would be sent; nothing is copied or sent.", "--dry-run")
     ] = False,
+    as_json: Annotated[
+        bool, flag("Print one JSON document at the end; neither with --watch nor --dry-run.", "--json")
+    ] = False,
 ) -> int:
     """Send runs to a server (`ballscrew serve`): none is lost, and none counts twice.
 
@@ -113,6 +116,8 @@ def send(
 
     if watch is not None and (files or run is not None):
         raise InputError("--watch finds the runs itself; give it without FILES and --run.")
+    if as_json and (watch is not None or dry_run):
+        raise InputError("--json reports what was sent; give it without --watch and --dry-run.")
     rule = RunRule(axis, pattern, _trips(trips, plan), send_incomplete, documents)
     settings = SendSettings(
         spool=spool,
@@ -125,7 +130,7 @@ def send(
     )
     if dry_run:
         return _list(files or [], watch, to, rule, settings)
-    return _send(files or [], watch, to, rule, settings, run)
+    return _send(files or [], watch, to, rule, settings, run, as_json=as_json)
 
 
 def _trips(trips: int | None, plan: Path | None) -> int | None:
@@ -138,27 +143,40 @@ def _trips(trips: int | None, plan: Path | None) -> int | None:
 
 
 def _send(
-    files: list[Path], watch: Path | None, to: str, rule: RunRule, settings: SendSettings, run: str | None
+    files: list[Path],
+    watch: Path | None,
+    to: str,
+    rule: RunRule,
+    settings: SendSettings,
+    run: str | None,
+    *,
+    as_json: bool,
 ) -> int:
-    """Send, print a line for each run, and return the exit status."""
-    from ballscrew.cli.output import progress_bar
+    """Send, print a line for each run or a document, and return the exit status."""
+    from ballscrew.cli.output import print_json, progress_bar
     from ballscrew.sending.sender import SendHooks, send, send_new
 
     output = sys.stdout
     with progress_bar("send") as progress:
         # On a terminal, text is printed above the bar; elsewhere the bar must not redirect it.
-        report = partial(_report, None if output.isatty() else output)
+        report = partial(_report, None if output.isatty() else output, as_json)
         hooks = SendHooks(report, _complain, progress)
         if watch is not None:
             send_new(watch, to, rule=rule, settings=settings, hooks=hooks)
         result = send(files, to, rule=rule, run=run, settings=settings, hooks=hooks)
+    if as_json:
+        print_json(result.to_json())
     if result.waiting:
         _complain(f"{plural(result.waiting, 'run')} not sent yet: {result.reason}")
         return SPOOLED
     return WRONG_INPUT if result.rejected or result.failures else DONE
 
 
-def _report(output: TextIO | None, answer: Answer) -> None:
+def _report(output: TextIO | None, as_json: bool, answer: Answer) -> None:
+    if answer.doubt is not None:
+        _complain(f"{answer.name}: does not count until its time is corrected: {answer.doubt}")
+    if as_json:
+        return
     done = answer.status if answer.new else f"was there already, {answer.status}"
     identity = f", id {answer.id[:12]}" if answer.id else ""
     _print(f"{answer.name}: run {answer.run} of {answer.axis}{identity}: {done}.", output)

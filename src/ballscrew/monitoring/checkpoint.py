@@ -1,4 +1,4 @@
-"""Checkpoint: what the runs of an axis have taught, from which the next run is judged.
+"""Checkpoint: estimates from the runs of an axis, from which the next run is assessed.
 
 What follows from a checkpoint is, byte for byte on one machine, what judging from the first run gives, since
 both are the same recursion. A late run, a correction or an event in the past needs a checkpoint from before
@@ -44,7 +44,7 @@ _NOTE = "note"  # kind of an event that changes nothing
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Checkpoint:
-    """What the runs of an axis have taught until the newest.
+    """Estimates from the runs of an axis until the newest.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """History of an axis: its runs in time order, in epochs, each judged relative to its epoch's reference.
 
-It is a recursion over the runs: :func:`add_run` takes what the runs before have taught, and gives the same
+It is a recursion over the runs: :func:`add_run` takes the estimates from the runs before, and gives those
 with one more. Of each run a row remains. The rest does not grow with the number of runs: the chart
 of each epoch, its reference, and the newest three good runs.
 """
@@ -75,7 +75,7 @@ class HistoryRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EpochState:
-    """What the runs of an epoch have taught.
+    """Estimates from the runs of an epoch.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class EpochState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HistoryState:
-    """What the runs of an axis have taught.
+    """Estimates from the runs of an axis.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def add_run(
     Parameters
     ----------
     state : EpochState
-        What the runs before have taught.
+        Estimates from the runs before.
     run : Run
         Analysed.
     day : float

@@ -54,7 +54,7 @@ class Monitored(PlottedResult):
         None before there are three good runs in the newest epoch, and where its newest runs are stiffer than
         its baseline, which no law of wear explains.
     checkpoint : Checkpoint or None
-        What the runs have taught, from which the next one can be judged; not part of the JSON.
+        Estimates from the runs, from which the next one can be assessed; not part of the JSON.
     """
 
     state: HealthState
@@ -154,9 +154,9 @@ def monitor(
         Names of reasons to doubt the calibration that were checked and are accepted; by the others the result
         is suspect.
     checkpoint : Checkpoint, optional
-        What earlier runs have taught, :attr:`Monitored.checkpoint`: only the runs after it need to be given,
-        and those before it are not judged again. ``events`` are still all events. For a late or corrected run
-        or event, see :func:`~ballscrew.monitoring.checkpoint.checkpoint_before`.
+        Estimates from earlier runs, :attr:`Monitored.checkpoint`: only the runs after it need to be given,
+        and those before it are not assessed again. ``events`` are still all events. For a late or corrected
+        run or event, see :func:`~ballscrew.monitoring.checkpoint.checkpoint_before`.
 
     Returns
     -------

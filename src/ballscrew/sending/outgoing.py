@@ -344,8 +344,8 @@ def _analysed_run(path: Path, given: str | None) -> OutgoingRun:
 def _axis(name: str | None, source: str) -> str:
     if name is None:
         raise InputError(f"{source}: the axis is not stated; give its name (--axis).")
-    if not name.strip(". "):
-        raise InputError(f"{source}: the axis is {name!r}; it must have a letter or a digit.")
+    if "/" in name or not name.strip(". "):
+        raise InputError(f"{source}: the axis is {name!r}; it must have a letter or a digit, and no '/'.")
     try:
         name.encode("utf-8")
     except UnicodeEncodeError:  # bytes of a file's name that are no text

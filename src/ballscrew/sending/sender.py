@@ -5,11 +5,13 @@ from __future__ import annotations
 import random
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress
+from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.sending.outgoing import OutgoingRun, RunRule, find_runs
 from ballscrew.sending.server import Answer, DelayError, RefusalError, Server
 from ballscrew.sending.settings import SendSettings, check_address, check_key, spool_folder, token_source
@@ -59,8 +61,8 @@ class SendResult:
         Sentence for each run that the server refused.
     failures : tuple of str
         Sentence for each run that could not be read.
-    waiting : int
-        Runs in the spool, and those that did not fit.
+    spooled : tuple of str
+        Names of the runs in the spool, and of those that did not fit.
     reason : str
         Why they wait.
     """
@@ -68,8 +70,28 @@ class SendResult:
     sent: tuple[Answer, ...]
     rejected: tuple[str, ...]
     failures: tuple[str, ...]
-    waiting: int
+    spooled: tuple[str, ...]
     reason: str
+
+    @property
+    def waiting(self) -> int:
+        """Number of runs that were not sent."""
+        return len(self.spooled)
+
+    def to_json(self) -> dict[str, Any]:
+        """Document of ``send --json``."""
+        sent: dict[bool, list[Any]] = {True: [], False: []}
+        for answer in self.sent:
+            sent[answer.new].append(asdict(answer))
+        return {
+            "schema": SCHEMA,
+            "sent": sent[True],
+            "there_already": sent[False],
+            "rejected": list(self.rejected),
+            "failures": list(self.failures),
+            "spooled": list(self.spooled),
+            "reason": self.reason or None,
+        }
 
 
 def _ignore(_: object) -> None:
@@ -138,8 +160,8 @@ def send(
         reason, pending = sender.send_all(runs, run, failures)
     for sentence in failures:
         hooks.complain(sentence)
-    waiting = sender.spool.waiting() + len(pending)
-    return SendResult(tuple(sender.sent), tuple(sender.rejected), tuple(failures), waiting, reason)
+    spooled = [*sender.spool.names(), *(run.name for run in pending)]
+    return SendResult(tuple(sender.sent), tuple(sender.rejected), tuple(failures), tuple(spooled), reason)
 
 
 def send_new(

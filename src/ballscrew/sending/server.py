@@ -80,6 +80,8 @@ class Answer:
         ``"queued"``, or what has become of it since.
     new : bool
         Whether it was not there before.
+    doubt : str or None
+        Why the server doubts the time of the run, which then does not count.
     """
 
     name: str
@@ -88,6 +90,7 @@ class Answer:
     id: str | None
     status: str
     new: bool
+    doubt: str | None = None
 
 
 class Server:
@@ -189,7 +192,7 @@ class Server:
             found = None
         if not isinstance(found, dict) or found.get("run") != run.key:
             raise self._no_server(response)
-        identity = found.get("id")
+        identity, doubt = found.get("id"), found.get("doubt")
         return Answer(
             name=run.name,
             axis=run.axis,
@@ -197,6 +200,7 @@ class Server:
             id=None if identity is None else str(identity),
             status=str(found.get("status", "")),
             new=response.status_code != 200,
+            doubt=None if doubt is None else str(doubt),
         )
 
     def _no_server(self, response: Response) -> DelayError:

@@ -212,6 +212,15 @@ class Spool:
         """Number of runs that were not sent."""
         return len(_folders(self.queue))
 
+    def names(self) -> list[str]:
+        """Names of the runs that were not sent; of a damaged one its id."""
+        found = []
+        for folder in _folders(self.queue):
+            found.append(folder.name)
+            with suppress(InputError):
+                found[-1] = read_manifest(folder).name
+        return found
+
     def finish(self, run: SpooledRun) -> None:
         """Remember that a run was sent, then remove it from the spool."""
         rows = []

@@ -16,11 +16,23 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.monitoring.epochs import moment
 from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.counting import doubted_runs, doubts_of
 from ballscrew.service.serving import RefusedError, Service
+from ballscrew.service.settings import ServerSettings, is_overdue
 from ballscrew.store.alarms import alarm_documents
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
-from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, Message, RunRow, Setup, Trouble, Upload
+from ballscrew.store.tables import (
+    AlarmAction,
+    AlarmRow,
+    Axis,
+    Message,
+    ResultRow,
+    RunRow,
+    Setup,
+    Trouble,
+    Upload,
+)
 
 router = APIRouter(prefix="/api/v1/alarms")
 
@@ -121,6 +133,8 @@ def _add_message(session: Session, axis: Axis, subject: str, kind: str, detail: 
 def report_bad_measurement(session: Session, axis: Axis, at: str, reasons: Sequence[str]) -> None:
     """Raise a trouble with the measurement, or end it after a run without reasons.
 
+    A run that was measured before the trouble began, and one before another that is not bad, change nothing.
+
     Parameters
     ----------
     session : Session
@@ -132,7 +146,20 @@ def report_bad_measurement(session: Session, axis: Axis, at: str, reasons: Seque
     reasons : sequence of str
         Why it is bad; empty for one that is not.
     """
+    standing, time = _standing(session, axis, MEASUREMENT), moment(at, "measured_at")
+    if standing is not None and time < moment(standing.began_at, "began_at"):
+        return
+    if standing is None and reasons and _is_good_after(session, axis, time.timestamp()):
+        return
     _set_trouble(session, axis, MEASUREMENT, at if reasons else None, "; ".join(reasons))
+
+
+def _is_good_after(session: Session, axis: Axis, time: float) -> bool:
+    """Whether a run that is not bad was measured after a time, s since 1970."""
+    later = select(RunRow.id).join(ResultRow, ResultRow.run_id == RunRow.id)
+    later = later.where(RunRow.axis_id == axis.id, RunRow.time > time, ResultRow.verdict != "bad")
+    later = later.where(RunRow.id.not_in(doubted_runs()))
+    return session.scalar(later.limit(1)) is not None
 
 
 def report_refused_assessment(session: Session, axis: Axis, reason: str | None) -> None:
@@ -153,9 +180,7 @@ def report_refused_assessment(session: Session, axis: Axis, reason: str | None) 
 
 def _set_trouble(session: Session, axis: Axis, kind: str, began_at: str | None, text: str = "") -> bool:
     """Raise a trouble, or end it where ``began_at`` is None; whether something changed."""
-    standing = session.scalar(
-        select(Trouble).where(Trouble.axis_id == axis.id, Trouble.kind == kind, Trouble.ended_at.is_(None))
-    )
+    standing = _standing(session, axis, kind)
     if standing is not None and began_at is not None:
         standing.text = text
         return False
@@ -178,6 +203,12 @@ def _set_trouble(session: Session, axis: Axis, kind: str, began_at: str | None, 
     return True
 
 
+def _standing(session: Session, axis: Axis, kind: str) -> Trouble | None:
+    """Trouble of an axis that has not ended."""
+    of_kind = (Trouble.axis_id == axis.id, Trouble.kind == kind, Trouble.ended_at.is_(None))
+    return session.scalar(select(Trouble).where(*of_kind))
+
+
 def watch_for_silence(service: Service, at: datetime | None = None) -> None:
     """Raise a trouble for each axis whose run is overdue by its schedule, and end those that are not.
 
@@ -192,7 +223,7 @@ def watch_for_silence(service: Service, at: datetime | None = None) -> None:
     with service.store.read() as session:
         late: dict[int, str | None] = {}
         for setup in session.scalars(select(Setup).where(Setup.period_s.is_not(None))):
-            late[setup.axis_id] = _silent_since(session, setup, at)
+            late[setup.axis_id] = _silent_since(session, service.settings, setup, at)
         standing = select(Trouble.axis_id).where(Trouble.kind == SILENCE, Trouble.ended_at.is_(None))
         raised = set(session.scalars(standing))
     late |= dict.fromkeys(raised - late.keys())  # of a schedule that was removed
@@ -206,12 +237,20 @@ def watch_for_silence(service: Service, at: datetime | None = None) -> None:
         service.announce()
 
 
-def _silent_since(session: Session, setup: Setup, at: datetime) -> str | None:
-    """Time of the newest run of an axis, or of its set-up, if the next run is overdue; else None."""
-    sent = session.scalar(select(func.max(Upload.received_at)).where(Upload.axis_id == setup.axis_id))
-    added = session.scalar(select(func.max(RunRow.received_at)).where(RunRow.axis_id == setup.axis_id))
-    newest = max(each for each in (sent, added, setup.set_up_at) if each is not None)
+def _silent_since(session: Session, settings: ServerSettings, setup: Setup, at: datetime) -> str | None:
+    """Time of the newest run of an axis, or of its set-up, if the next run is overdue; else None.
+
+    A run whose time is doubtful does not count.
+    """
+    of_axis = (RunRow.axis_id == setup.axis_id, RunRow.id.not_in(doubted_runs()))
+    added = session.scalar(select(func.max(RunRow.received_at)).where(*of_axis))
+    newest = max(added or setup.set_up_at, setup.set_up_at)
+    later = select(Upload).where(Upload.axis_id == setup.axis_id, Upload.received_at > newest)
+    sent = session.scalars(later.order_by(Upload.received_at)).all()
+    for upload, doubt in zip(sent, doubts_of(session, sent), strict=True):
+        if doubt is None:
+            newest = upload.received_at
     patience = timedelta(seconds=(setup.period_s or 0.0) + (setup.grace_s or 0.0))
-    if at - moment(newest, "received_at") <= patience:
+    if not is_overdue(settings, moment(newest, "received_at"), at, patience):
         return None
     return newest

@@ -21,11 +21,13 @@ from ballscrew.monitoring.epochs import Event
 from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.channels import read_channels
 from ballscrew.service.access import AdminCaller, Caller, RunningService, find_sent_axis
+from ballscrew.service.counting import check_time
 from ballscrew.service.jobs import request_assessment
 from ballscrew.service.reading import missing_of
 from ballscrew.service.serving import RefusedError, Service
+from ballscrew.service.stored_runs import locate_run
 from ballscrew.store.adding import add_events, add_model, add_sheet, insert_document
-from ballscrew.store.changing import choose_model, exclude
+from ballscrew.store.changing import choose_model, correct_run, exclude
 from ballscrew.store.folder import now
 from ballscrew.store.histories import read_stored_history
 from ballscrew.store.opened import record
@@ -75,6 +77,15 @@ class NewExclusion(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
     reason: str = Field(min_length=1, max_length=10_000)
+
+
+class NewCorrection(BaseModel):
+    """What is corrected in a run, and why."""
+
+    model_config = ConfigDict(extra="forbid")
+    measured_at: str | None = Field(None, max_length=64, description="ISO 8601.")
+    mass_kg: float | None = Field(None, description="Load on the table.")
+    reason: str = Field("", max_length=10_000)
 
 
 @router.put("")
@@ -179,15 +190,44 @@ def _exclude(
     reason: str | None,
 ) -> dict[str, Any]:
     """Exclude a run or an event, or include it where there is no reason, and assess its axis."""
+    subject = _find(service, axis, column, subject, caller)
+    exclude(service.store, subject, reason=reason or "", undo=reason is None, by=caller.name)
+    _assess_soon(service, axis)
+    return {"schema": SCHEMA, "axis": axis, "id": subject, "excluded": reason is not None}
+
+
+@router.post("/runs/{run}/correct")
+def correct_stored_run(
+    axis: str, run: str, body: NewCorrection, caller: AdminCaller, service: RunningService
+) -> dict[str, Any]:
+    """Correct the time or the load of a run; the run as it was stays in the store, and no longer counts."""
+    run = _find(service, axis, RunRow.run, run, caller)
+    if body.measured_at is not None:
+        check_time(body.measured_at)
+    new = correct_run(
+        service.store,
+        run,
+        measured_at=body.measured_at,
+        mass=body.mass_kg,
+        reason=body.reason,
+        by=caller.name,
+    )
+    _assess_soon(service, axis)
+    return {"schema": SCHEMA, "axis": axis, "id": new, "supersedes": run}
+
+
+def _find(
+    service: Service, axis: str, column: InstrumentedAttribute[str], subject: str, caller: Caller
+) -> str:
+    """Whole id of a run or an event of an axis."""
     with service.store.read() as session:
         row = find_sent_axis(session, axis, caller)
+        if column is RunRow.run:
+            return locate_run(session, subject, axis=row).id
         found = session.scalar(select(column).where(column.class_.axis_id == row.id, column == subject))
     if found is None:
-        what = "run" if column is RunRow.run else "event"
-        raise RefusedError(404, f"there is no {what} {shown(subject)} of the axis {shown(axis)}.")
-    exclude(service.store, subject, reason=reason or "", undo=reason is None)
-    _assess_soon(service, axis, caller.name)
-    return {"schema": SCHEMA, "axis": axis, "id": subject, "excluded": reason is not None}
+        raise RefusedError(404, f"there is no event {shown(subject)} of the axis {shown(axis)}.")
+    return subject
 
 
 def _preview(service: Service, axis: str, events: tuple[Event, ...]) -> dict[str, Any]:
@@ -207,8 +247,10 @@ def _preview(service: Service, axis: str, events: tuple[Event, ...]) -> dict[str
     return found
 
 
-def _assess_soon(service: Service, axis: str, by: str) -> None:
+def _assess_soon(service: Service, axis: str, by: str | None = None) -> None:
+    """Assess an axis after a change, whose row of the audit does not state by whom where ``by`` is given."""
     with service.store.write("assess") as session:
         request_assessment(session, find_axis(session, axis))
-        record(session, "request", f"assessment of {axis}", by=by)
+        if by is not None:
+            record(session, "request", f"assessment of {axis}", by=by)
     service.announce()

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Literal
 
 from fastapi import APIRouter
+from fastapi.responses import Response
 from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.base.quantity import NORMAL_95
+from ballscrew.base.result import csv_text
 from ballscrew.estimation.frequency_change import frequency_changes
 from ballscrew.modal.cell import CellResult
 from ballscrew.modal.run import Run
@@ -31,14 +33,21 @@ def show_cells(
     caller: AdminCaller,  # noqa: ARG001
     service: RunningService,
     against: str = "baseline",
-) -> dict[str, Any]:
-    """Cells of a run, and their changes since another run.
+    format: Literal["json", "csv"] = "json",  # noqa: A002
+) -> Any:
+    """Cells of a run, and their changes since another run; as CSV the table of ``analyze --export`` alone.
 
     ``against`` is ``baseline``, the run that the states of its epoch are relative to, ``previous``, or the id
     of a run, of any axis.
     """
     with service.store.read() as session:
-        return cells_document(session, locate_run(session, run), against)
+        found = locate_run(session, run)
+        if format == "json":
+            return cells_document(session, found, against)
+        if found.row is None:
+            raise RefusedError(404, "the run has no result.")
+        table = run_of(session, found).to_dataframe()
+    return Response(csv_text(table), media_type="text/csv")
 
 
 def cells_document(session: Session, found: StoredRun, against: str = "baseline") -> dict[str, Any]:

@@ -7,24 +7,24 @@ import csv
 import io
 import json
 import re
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Header
 from fastapi.responses import Response, StreamingResponse
-from sqlalchemy import or_, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
-from ballscrew.service.access import AdminCaller, AnyCaller, RunningService
+from ballscrew.service.access import AdminCaller, AnyCaller, Caller, RunningService
 from ballscrew.service.jobs import ANALYSE, ASSESS, enqueue, job_documents
-from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_document
+from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_documents
 from ballscrew.service.serving import RefusedError, Service
-from ballscrew.service.stored_runs import result_document
+from ballscrew.service.stored_runs import StoredRun, locate_run, result_document
 from ballscrew.store.explaining import find_explanation
 from ballscrew.store.lamps import add_lamps
 from ballscrew.store.opened import record
@@ -162,7 +162,7 @@ def show_runs(axis: str, caller: AdminCaller, service: RunningService) -> dict[s
     runs = axis_document(service, axis)["runs"]
     with service.store.read() as session:
         found = select(Upload).join(Axis, Axis.id == Upload.axis_id).where(Axis.name == axis)
-        sent = [upload_document(row) for row in session.scalars(found.order_by(Upload.id))]
+        sent = upload_documents(session, session.scalars(found.order_by(Upload.id)).all())
     return {"schema": SCHEMA, "axis": axis, "runs": runs, "sent": sent}
 
 
@@ -207,28 +207,31 @@ def show_run(run: str, caller: AnyCaller, service: RunningService) -> dict[str, 
     The token of a machine shows the runs of this machine.
     """
     with service.store.read() as session:
-        sent = session.scalars(
-            select(Upload).where(or_(Upload.content == run, Upload.run == run)).order_by(Upload.id)
-        ).all()
-        identity = next((row.run for row in sent if row.run is not None), run)
-        row = session.scalar(select(RunRow).where(RunRow.run == identity))
-        axis = _axis_of(session, sent, row)
-        if caller.machine is not None and (axis is None or axis.machine_id != caller.machine):
-            raise RefusedError(403, "the token of a machine shows the runs of this machine.")
-        if axis is None:
-            raise RefusedError(404, f"there is no run {shown(run)}.")
-        document = {"schema": SCHEMA, "axis": axis.name, "sent": [upload_document(each) for each in sent]}
-        document["run"] = None if row is None else result_document(session, axis, row)
+        found = _locate_run(session, run, caller)
+        document = {"schema": SCHEMA, "axis": found.axis.name, "sent": upload_documents(session, found.sent)}
+        document["run"] = None if found.row is None else result_document(session, found.axis, found.row)
         return document
 
 
-def _axis_of(session: Session, sent: Sequence[Upload], row: RunRow | None) -> Axis | None:
-    """Axis of a run that was sent or added; None if there is none."""
-    if row is not None:
-        return session.get(Axis, row.axis_id)
-    if sent:
-        return session.get(Axis, sent[0].axis_id)
-    return None
+@router.get("/runs/{run}/document")
+def show_document(run: str, caller: AnyCaller, service: RunningService) -> dict[str, Any]:
+    """RUN.json of a run, as ``analyze --json`` prints it."""
+    with service.store.read() as session:
+        found = _locate_run(session, run, caller)
+        if found.row is None:
+            raise RefusedError(404, f"the run {shown(run)} has no result.")
+        document: dict[str, Any] = result_document(session, found.axis, found.row)
+        return document
+
+
+def _locate_run(session: Session, run: str, caller: Caller) -> StoredRun:
+    """A run that a caller may read."""
+    try:
+        return locate_run(session, run, machine=caller.machine)
+    except RefusedError as error:
+        if caller.machine is None or error.status != 404:
+            raise
+        raise RefusedError(403, "the token of a machine shows the runs of this machine.") from None
 
 
 @router.get("/jobs")

@@ -22,6 +22,7 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
 from ballscrew.service.access import AnyCaller, Caller, RunningService, find_sent_axis
 from ballscrew.service.alarms import report_bad_measurement
+from ballscrew.service.counting import doubts_of, exclude_as_needed
 from ballscrew.service.jobs import ANALYSE, enqueue, request_assessment, waiting_runs
 from ballscrew.service.serving import TOO_MANY, RefusedError, Service
 from ballscrew.service.uploads import RunKey, may_send, raw_file
@@ -246,7 +247,7 @@ def _accept(
     is_known = _take_known(session, axis, row)
     session.add(row)
     if is_known:
-        return 200, upload_document(row)
+        return 200, upload_document(session, row)
     return _queue(session, service, axis, row, sent)
 
 
@@ -260,7 +261,7 @@ def _accept_again(
     if row.status in (REFUSED, SET_ASIDE) and sent.content != row.content:  # the axis was set up anew
         row.content, row.stated, row.files = sent.content, sent.stated, sent.files
         return _queue(session, service, axis, row, sent)
-    return 200, upload_document(row)
+    return 200, upload_document(session, row)
 
 
 def _take_known(session: Session, axis: Axis, row: Upload) -> bool:
@@ -300,7 +301,7 @@ def _queue(
         store_result(session, axis, [row], sent.run)
         if row.status == CONFLICT:
             return 409, _conflict_document(row.key, sent)
-        return 202, upload_document(row)
+        return 202, upload_document(session, row)
     if waiting_runs(session) >= service.settings.max_queue:
         raise RefusedError(TOO_MANY, "too many runs wait for their analysis.", {"Retry-After": "60"})
     for kind, key in sent.stated["documents"].items():
@@ -308,7 +309,7 @@ def _queue(
     row.status, row.error = QUEUED, None
     enqueue(session, ANALYSE, sent.content)
     record(session, "receive", f"run {row.key}", axis=axis.name, content=sent.content, by=row.sender)
-    return 202, upload_document(row)
+    return 202, upload_document(session, row)
 
 
 def _set_conflict_aside(session: Session, axis: Axis, key: str, sent: Sent, caller: Caller) -> None:
@@ -352,8 +353,12 @@ def store_result(
     content, stated = rows[0].content, rows[0].stated
     if "documents" in stated:
         insert_source(session, run.id, content, {**stated, "readers": list(readers)}, {})
+    doubt = exclude_as_needed(session, axis, rows[0], is_new=added.is_new)
     reasons = list(run.quality.reasons) if run.quality.verdict == "bad" else []
-    report_bad_measurement(session, axis, run.measured_at or rows[0].received_at, reasons)
+    if doubt is None:
+        report_bad_measurement(session, axis, run.measured_at or rows[0].received_at, reasons)
+    elif reasons:
+        report_bad_measurement(session, axis, rows[0].received_at, reasons)
     request_assessment(session, axis)
 
 
@@ -362,15 +367,26 @@ def document_texts(session: Session, stated: dict[str, Any]) -> dict[str, str]:
     return {kind: session.get_one(Document, key).text for kind, key in stated["documents"].items()}
 
 
-def upload_document(row: Upload) -> dict[str, Any]:
+def upload_document(session: Session, row: Upload) -> dict[str, Any]:
     """What became of a run that was sent."""
-    return {
-        "run": row.key,
-        "id": row.content,
-        "status": row.status,
-        "result": row.run,
-        "verdict": row.verdict,
-        "error": row.error,
-        "received_at": row.received_at,
-        "finished_at": row.finished_at,
-    }
+    return upload_documents(session, [row])[0]
+
+
+def upload_documents(session: Session, rows: Sequence[Upload]) -> list[dict[str, Any]]:
+    """What became of runs that were sent."""
+    found = []
+    for row, doubt in zip(rows, doubts_of(session, rows), strict=True):
+        found.append(
+            {
+                "run": row.key,
+                "id": row.content,
+                "status": row.status,
+                "result": row.run,
+                "verdict": row.verdict,
+                "doubt": doubt,
+                "error": row.error,
+                "received_at": row.received_at,
+                "finished_at": row.finished_at,
+            }
+        )
+    return found

@@ -6,8 +6,10 @@ import ipaddress
 import os
 import sys
 from contextlib import suppress
+from datetime import UTC, date, datetime, time, timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from pydantic import Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
@@ -19,6 +21,9 @@ PREFIX = "BALLSCREW_SERVER_"
 """Beginning of the names of environment variables."""
 
 CONFIG = "server.toml"
+
+Weekday = Literal["Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun"]
+DAYS: tuple[Weekday, ...] = get_args(Weekday)
 
 
 class ServerSettings(BaseSettings):
@@ -59,6 +64,11 @@ class ServerSettings(BaseSettings):
         gt=0,
         description="Age at which incomplete uploads and files of no run are removed.",
     )
+    working_days: tuple[Weekday, ...] = Field(
+        DAYS, min_length=1, description="Days on which runs are expected: on others no silence is counted."
+    )
+    holidays: tuple[date, ...] = Field((), description="Days on which none are expected besides.")
+    time_zone: str = Field("UTC", description="Time zone of these days, such as Europe/Berlin.")
 
     @property
     def on_loopback(self) -> bool:
@@ -78,12 +88,43 @@ class ServerSettings(BaseSettings):
             path = getattr(self, name)
             if path is not None and not path.is_file():
                 found.append(f"{name}: {path} is not a file.")
+        try:
+            ZoneInfo(self.time_zone)
+        except (ZoneInfoNotFoundError, ValueError, OSError):
+            found.append(f"time_zone: {shown(self.time_zone)} is not known; give one such as Europe/Berlin.")
         if not self.on_loopback and self.certificate is None and not self.allow_plain_http:
             found.append(
                 f"{self.host} is not a loopback address: give certificate and private_key, or set "
                 "allow_plain_http, with which tokens travel unencrypted."
             )
         return found
+
+
+def is_overdue(settings: ServerSettings, begin: datetime, end: datetime, patience: timedelta) -> bool:
+    """Whether more time has passed than a run may take to come, on the days on which runs are expected.
+
+    Parameters
+    ----------
+    settings : ServerSettings
+        With these days.
+    begin, end : datetime
+        Time of the newest run and the present, each with its zone.
+    patience : timedelta
+        Time that may pass on these days.
+
+    Returns
+    -------
+    bool
+        Whether it is exceeded.
+    """
+    zone = ZoneInfo(settings.time_zone)
+    begin, day = begin.astimezone(UTC), begin.astimezone(zone).date()
+    while begin < end and patience >= timedelta():
+        midnight = datetime.combine(day + timedelta(days=1), time(), zone).astimezone(UTC)
+        if DAYS[day.weekday()] in settings.working_days and day not in settings.holidays:
+            patience -= min(midnight, end) - begin
+        begin, day = midnight, day + timedelta(days=1)
+    return patience < timedelta()
 
 
 def read_settings(folder: Path, config: Path | None, options: dict[str, Any]) -> ServerSettings:

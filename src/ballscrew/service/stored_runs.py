@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import or_, select
-from sqlalchemy.orm import Session
+from sqlalchemy import ColumnElement, or_, select
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from ballscrew.base.errors import shown
 from ballscrew.service.runs import document_texts
@@ -27,9 +27,10 @@ from ballscrew.store.tables import (
     unpack,
 )
 
-AMBIGUOUS = 300
+AMBIGUOUS = 409
 RAW_GONE = "the raw data of this run were not kept"
 _MOST = 10  # runs that begin alike
+_SHORTEST = 8  # characters of the beginning of an id
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,26 +74,59 @@ class RawRecording:
     compression: str | None
 
 
-def locate_run(session: Session, text: str) -> StoredRun:
-    """Run whose id, or id of its content, begins with a text.
+def locate_run(
+    session: Session, text: str, *, axis: Axis | None = None, machine: int | None = None
+) -> StoredRun:
+    """Run whose id, or id of its content, is a text or begins with it.
+
+    Parameters
+    ----------
+    session : Session
+        Reading.
+    text : str
+        The id, or a beginning of at least 8 characters.
+    axis : Axis, optional
+        The run is of this axis, and has a result, whose id it is.
+    machine : int, optional
+        The run is of this machine.
+
+    Returns
+    -------
+    StoredRun
+        The run.
 
     Raises
     ------
     RefusedError
-        404 if there is none; 300 with ``runs`` if there are several.
+        404 if there is none; 409 with ``runs`` if there are several.
     """
-    matches = [RunRow.run.startswith(text, autoescape=True), Upload.content.startswith(text, autoescape=True)]
-    found = session.scalars(select(RunRow.run).where(matches[0]).order_by(RunRow.id).limit(_MOST)).all()
-    sent = select(Upload.run, Upload.content).where(matches[1]).order_by(Upload.id).limit(_MOST)
-    names = dict.fromkeys(found) | dict.fromkeys(run or content for run, content in session.execute(sent))
+    of_axes = select(Axis.id)
+    if axis is not None:
+        of_axes = of_axes.where(Axis.id == axis.id)
+    if machine is not None:
+        of_axes = of_axes.where(Axis.machine_id == machine)
+    found = select(RunRow.run).where(_begins(RunRow.run, text), RunRow.axis_id.in_(of_axes))
+    names = dict.fromkeys(session.scalars(found.order_by(RunRow.id).limit(_MOST)))
+    if axis is None:
+        sent = select(Upload.run, Upload.content).where(_begins(Upload.content, text))
+        sent = sent.where(Upload.axis_id.in_(of_axes)).order_by(Upload.id).limit(_MOST)
+        names |= dict.fromkeys(run or content for run, content in session.execute(sent))
     if text in names:
         names = {text: None}
-    if not text or not names:
-        raise RefusedError(404, f"there is no run {shown(text)}.")
+    if not names:
+        raise RefusedError(
+            404, f"there is no run {shown(text)}; an id may be its first {_SHORTEST} characters or more."
+        )
     if len(names) > 1:
-        sentence = f"several runs have an id that begins with {shown(text)}."
+        sentence = f"several runs have an id that begins with {shown(text)}; give more of it."
         raise RefusedError(AMBIGUOUS, sentence, document={"runs": list(names)})
     return _stored_run(session, next(iter(names)))
+
+
+def _begins(column: InstrumentedAttribute[str], text: str) -> ColumnElement[bool]:
+    if len(text) < _SHORTEST:
+        return column == text
+    return column.startswith(text, autoescape=True)
 
 
 def _stored_run(session: Session, name: str) -> StoredRun:

@@ -24,6 +24,7 @@ from ballscrew.base.errors import BallscrewError
 from ballscrew.modal.run import Run
 from ballscrew.service import jobs
 from ballscrew.service.alarms import report_bad_measurement, report_refused_assessment, write_messages
+from ballscrew.service.counting import doubts_of
 from ballscrew.service.jobs import Lease
 from ballscrew.service.runs import QUEUED, REFUSED, SET_ASIDE, document_texts, store_result
 from ballscrew.service.serving import FULL, UNAVAILABLE, RefusedError, Service
@@ -355,7 +356,10 @@ def _finish_analysis(session: Session, lease: Lease, outcome: str, value: Any) -
         for row in rows:
             row.status, row.error, row.finished_at = REFUSED, value, now()
         record(session, "reject", f"run {rows[0].key}", axis=axis.name, reason=value)
-        report_bad_measurement(session, axis, rows[0].received_at, [str(value)])
+        at = rows[0].stated.get("measured_at")
+        if doubts_of(session, rows[:1]) != [None]:
+            at = None
+        report_bad_measurement(session, axis, at or rows[0].received_at, [str(value)])
         return
     document, readers = value
     run = Run.from_json(document, "the run")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,9 @@ from ballscrew.store.tables import (
     unpack,
 )
 
+SERVER = "server"
+"""Actor of the exclusion of a run whose time is doubtful; a correction of the time ends it."""
+
 
 def correct_run(
     store: OpenStore,
@@ -40,6 +43,7 @@ def correct_run(
     measured_at: str | None = None,
     mass: str | float | None = None,
     reason: str = "",
+    by: str | None = None,
 ) -> str:
     """Correct the time or the load of a run; the run as it was stays in the store.
 
@@ -53,6 +57,8 @@ def correct_run(
         As for :func:`ballscrew.amend`; data sheet and plan are those in the store.
     reason : str
         Why.
+    by : str, optional
+        Who wants it; by default who runs this process.
 
     Returns
     -------
@@ -81,7 +87,9 @@ def correct_run(
                 )
             check_added(insert_run(session, corrected, method.revision), f"the run {new[:12]}")
         if session.scalar(select(Correction.id).where(Correction.subject == new)) is None:
-            _record_corrections(session, row, new, reason)
+            _record_corrections(session, row, new, reason, by or actor())
+        if measured_at is not None:
+            _include(session, row, "its time was corrected.", by or actor(), (SERVER,))
     return new
 
 
@@ -130,7 +138,7 @@ def _document(session: Session, run: Run, kind: str, read: Callable[[Path], Any]
         return read(path)
 
 
-def _record_corrections(session: Session, former: RunRow, new: str, reason: str) -> None:
+def _record_corrections(session: Session, former: RunRow, new: str, reason: str, by: str) -> None:
     """Rows of the values that differ between a run and its correction."""
     row = session.scalars(select(RunRow).where(RunRow.run == new)).all()[0]
     changed: dict[str, Any] = {}
@@ -145,11 +153,11 @@ def _record_corrections(session: Session, former: RunRow, new: str, reason: str)
                     old=None if old is None else str(old),
                     new=str(value),
                     reason=reason,
-                    actor=actor(),
+                    actor=by,
                     at=now(),
                 )
             )
-    record(session, "correct", f"run {former.run}", new_run=new, reason=reason, **changed)
+    record(session, "correct", f"run {former.run}", new_run=new, reason=reason, by=by, **changed)
 
 
 def choose_model(store: OpenStore, axis: str, model: str, *, reason: str = "") -> str:
@@ -215,7 +223,9 @@ def _find_event(session: Session, subject: str) -> EventRow | None:
     return events[0]
 
 
-def exclude(store: OpenStore, subject: str, *, reason: str = "", undo: bool = False) -> str:
+def exclude(
+    store: OpenStore, subject: str, *, reason: str = "", undo: bool = False, by: str | None = None
+) -> str:
     """Exclude a run or an event from the history, or include it again; it stays in the store.
 
     Parameters
@@ -228,6 +238,8 @@ def exclude(store: OpenStore, subject: str, *, reason: str = "", undo: bool = Fa
         Why; needed for an exclusion.
     undo : bool
         Whether it counts again.
+    by : str, optional
+        Who wants it; by default who runs this process.
 
     Returns
     -------
@@ -242,25 +254,65 @@ def exclude(store: OpenStore, subject: str, *, reason: str = "", undo: bool = Fa
     if not undo and not reason.strip():
         raise InputError("an exclusion needs a reason (--reason).")
     check_text("the reason", reason)
+    by = by or actor()
     with store.write("store exclude") as session:
-        event = _find_event(session, subject)
-        if event is not None:
-            name, axis = event.digest, event.axis_id
-            standing = Exclusion.event_id == event.id
-            row = Exclusion(event_id=event.id)
-        else:
-            run = find_run(session, subject)
-            name, axis = run.run, run.axis_id
-            standing = Exclusion.run_id.in_(run_versions(session, run))
-            row = Exclusion(run_id=run.id)
-        found = session.scalars(select(Exclusion).where(standing, Exclusion.ended_at.is_(None))).all()
+        found: EventRow | RunRow | None = _find_event(session, subject)
+        if found is None:
+            found = find_run(session, subject)
         if undo:
-            for exclusion in found:
-                exclusion.ended_at = now()
-        elif not found:
-            row.reason, row.actor, row.begun_at = reason, actor(), now()
-            session.add(row)
-        if undo == bool(found):
-            session.get_one(Axis, axis).changed_at = now()
-            record(session, "include" if undo else "exclude", name, reason=reason)
-    return name
+            _include(session, found, reason, by)
+        else:
+            insert_exclusion(session, found, reason, by)
+        return _id_of(found)
+
+
+def insert_exclusion(session: Session, row: RunRow | EventRow, reason: str, by: str) -> None:
+    """Exclude a run or an event, unless it is excluded.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    row : RunRow or EventRow
+        Its row.
+    reason : str
+        Why.
+    by : str
+        Who wants it.
+    """
+    if standing_exclusions(session, row):
+        return
+    exclusion = Exclusion(reason=reason, actor=by, begun_at=now())
+    if isinstance(row, EventRow):
+        exclusion.event_id = row.id
+    else:
+        exclusion.run_id = row.id
+    session.add(exclusion)
+    session.get_one(Axis, row.axis_id).changed_at = now()
+    record(session, "exclude", _id_of(row), reason=reason, by=by)
+
+
+def standing_exclusions(session: Session, row: RunRow | EventRow) -> Sequence[Exclusion]:
+    """Exclusions of an event, or of any version of a run, that have not ended."""
+    of_subject = Exclusion.event_id == row.id
+    if isinstance(row, RunRow):
+        of_subject = Exclusion.run_id.in_(run_versions(session, row))
+    return session.scalars(select(Exclusion).where(of_subject, Exclusion.ended_at.is_(None))).all()
+
+
+def _include(
+    session: Session, row: RunRow | EventRow, reason: str, by: str, actors: Sequence[str] = ()
+) -> None:
+    """End the exclusions of a run or an event, or only those by some actors."""
+    found = []
+    for exclusion in standing_exclusions(session, row):
+        if not actors or exclusion.actor in actors:
+            exclusion.ended_at = now()
+            found.append(exclusion)
+    if found:
+        session.get_one(Axis, row.axis_id).changed_at = now()
+        record(session, "include", _id_of(row), reason=reason, by=by)
+
+
+def _id_of(row: RunRow | EventRow) -> str:
+    return row.digest if isinstance(row, EventRow) else row.run

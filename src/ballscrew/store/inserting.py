@@ -231,6 +231,11 @@ def axis_row(session: Session, name: str) -> Axis:
     row = session.scalar(select(Axis).where(Axis.name == name))
     if row is None:
         check_key("the name of the axis", name)
+        if "/" in name or not name.strip(". "):
+            raise InputError(
+                f"the name of the axis is {shown(name)}; it may have any characters but '/' and control "
+                "characters, and not dots alone, since it is a part of URLs: change it in the data sheet."
+            )
         row = Axis(name=name, runs=0)
         session.add(row)
         session.flush()

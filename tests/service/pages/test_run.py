@@ -151,7 +151,7 @@ def test_corrections_and_exclusions_are_listed(filled: TestClient, service: Serv
 def test_a_run_that_is_not_there_and_one_of_several_are_pages(filled: TestClient) -> None:
     assert "no run &#39;&lt;b&gt;&#39;" in page(filled, "/runs/%3Cb%3E", 404)
     for letter in "ab":
-        send_result(filled, 5, f"twin {letter}", id="0123" + 60 * letter)
-    text = page(filled, "/runs/0123", 300)
-    assert f'href="/runs/0123{60 * "b"}"' in text
+        send_result(filled, 5, f"twin {letter}", id="01234567" + 56 * letter)
+    text = page(filled, "/runs/01234567", 409)
+    assert f'href="/runs/01234567{56 * "b"}"' in text
     assert "No such run" in page(filled, "/runs/none/signals", 404)

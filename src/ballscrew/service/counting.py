@@ -1,0 +1,180 @@
+"""Which runs that were sent count: the most complete ones, with a time that is not doubtful."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from ballscrew.base.errors import InputError
+from ballscrew.monitoring.epochs import moment
+from ballscrew.store.changing import SERVER, insert_exclusion
+from ballscrew.store.reading import current_rows
+from ballscrew.store.tables import Axis, Exclusion, RecordingRow, ResultRow, RunRow, Upload
+
+CLOCK_TOLERANCE = 300.0
+"""Time by which a run may be measured after its receipt, s: clocks differ."""
+
+FAR = 366 * 24 * 3600.0
+"""A time that differs by more from the receipt and from every other run of the axis is doubtful, s: a clock
+that lost its battery begins years ago."""
+
+
+def doubt_of_time(
+    session: Session, axis: int, measured_at: str | None, received_at: str, run: str | None = None
+) -> str | None:
+    """Why the time of a run is doubtful.
+
+    Parameters
+    ----------
+    session : Session
+        Reading.
+    axis : int
+        Number of its axis.
+    measured_at : str or None
+        Time of the run.
+    received_at : str
+        Time of its receipt.
+    run : str, optional
+        Its id, where it was added.
+
+    Returns
+    -------
+    str or None
+        A sentence; None where the time is not doubtful.
+    """
+    if measured_at is None:
+        return None
+    measured = moment(measured_at, "measured_at").timestamp()
+    received = moment(received_at, "received_at").timestamp()
+    if measured > received + CLOCK_TOLERANCE:
+        return f"measured_at, {measured_at}, is in the future."
+    others = (RunRow.axis_id == axis, RunRow.id.not_in(doubted_runs()), RunRow.run != (run or ""))
+    before = session.scalar(select(func.max(RunRow.time)).where(*others, RunRow.time <= measured))
+    after = session.scalar(select(func.min(RunRow.time)).where(*others, RunRow.time >= measured))
+    times = [each for each in (before, after) if each is not None]
+    if times and min(abs(each - measured) for each in (*times, received)) > FAR:
+        return f"measured_at, {measured_at}, is more than a year from every other run and from its receipt."
+    return None
+
+
+def check_time(measured_at: str) -> None:
+    """Check that the time to which a run is corrected is not in the future.
+
+    Raises
+    ------
+    InputError
+        If it is, or is no time.
+    """
+    if moment(measured_at, "measured_at").timestamp() > time.time() + CLOCK_TOLERANCE:
+        raise InputError(f"measured_at is {measured_at!r}, in the future.")
+
+
+def doubted_runs() -> Any:
+    """Selection of the numbers of runs that do not count because of their times."""
+    standing = (Exclusion.run_id.is_not(None), Exclusion.ended_at.is_(None))
+    return select(Exclusion.run_id).where(Exclusion.actor == SERVER, *standing)
+
+
+def doubts_of(session: Session, rows: Sequence[Upload]) -> list[str | None]:
+    """Why the time of each run that was sent is doubtful; None where it is not."""
+    standing = select(RunRow.run, Exclusion.reason).join(RunRow, RunRow.id == Exclusion.run_id)
+    standing = standing.where(Exclusion.actor == SERVER, Exclusion.ended_at.is_(None))
+    reasons: dict[str, str] = {run: reason for run, reason in session.execute(standing)}  # noqa: C416
+    found = []
+    for row in rows:
+        doubt = reasons.get(row.run or "")
+        if row.run is None:
+            doubt = doubt_of_time(session, row.axis_id, row.stated.get("measured_at"), row.received_at)
+        found.append(doubt)
+    return found
+
+
+def exclude_as_needed(session: Session, axis: Axis, sent: Upload, *, is_new: bool) -> str | None:
+    """Exclude a run whose time is doubtful, and parts of more complete runs.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    axis : Axis
+        Its axis.
+    sent : Upload
+        How the run was sent, with the id of its result.
+    is_new : bool
+        Whether the result is new; else nothing changes, since a person may have included it.
+
+    Returns
+    -------
+    str or None
+        Why its time is doubtful; None where it is not.
+    """
+    if not is_new:
+        return None
+    run = session.scalars(select(RunRow).where(RunRow.run == sent.run)).all()[0]
+    doubt = doubt_of_time(session, axis.id, run.measured_at, sent.received_at, run.run)
+    if doubt is None:
+        exclude_parts(session, axis, run, sent.sender)
+    else:
+        insert_exclusion(session, run, doubt, SERVER)
+    return doubt
+
+
+def exclude_parts(session: Session, axis: Axis, run: RunRow, by: str) -> None:
+    """Exclude runs whose recordings are a part of those of a more complete run of the same load.
+
+    Of a more complete run that is bad and a part that is not, the part counts. Which of several runs counts,
+    of which each contains the next, does not depend on the order of arrival.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    axis : Axis
+        Its axis.
+    run : RunRow
+        A run that was added: part of another, or more complete than others.
+    by : str
+        Who sent it.
+    """
+    counting = {row.id for row in current_rows(session, axis)}
+    if run.id not in counting:
+        return
+    excluded = []
+    for other in _sharing(session, run):
+        if other.id in counting and other.mass_kg == run.mass_kg:
+            excluded += _excluded_of(session, run, other)
+    itself = [each for each in excluded if each[0] is run]
+    for row, reason in itself[:1] or excluded:
+        insert_exclusion(session, row, reason, by)
+
+
+def _sharing(session: Session, run: RunRow) -> list[RunRow]:
+    """Other runs of the axis with a recording of a run."""
+    recordings = select(RecordingRow.sha256).where(RecordingRow.run_id == run.id)
+    others = select(RecordingRow.run_id).where(RecordingRow.sha256.in_(recordings))
+    found = select(RunRow).where(RunRow.id.in_(others), RunRow.axis_id == run.axis_id, RunRow.id != run.id)
+    return list(session.scalars(found.order_by(RunRow.id)))
+
+
+def _excluded_of(session: Session, first: RunRow, second: RunRow) -> list[tuple[RunRow, str]]:
+    """The one of two runs that does not count, and why; none unless one has all recordings of the other."""
+    part, whole = sorted((first, second), key=lambda row: len(_recordings(session, row)))
+    if not _recordings(session, part) < _recordings(session, whole):
+        return []
+    if _is_bad(session, whole) and not _is_bad(session, part):
+        return [(whole, f"is bad, and contains the recordings of the run {part.run}, which counts.")]
+    return [(part, f"its recordings are a part of those of the run {whole.run}, which counts.")]
+
+
+def _recordings(session: Session, run: RunRow) -> set[str]:
+    return set(session.scalars(select(RecordingRow.sha256).where(RecordingRow.run_id == run.id)))
+
+
+def _is_bad(session: Session, run: RunRow) -> bool:
+    """Whether the newest result of a run is bad."""
+    newest = select(ResultRow.verdict).where(ResultRow.run_id == run.id).order_by(ResultRow.id.desc())
+    return session.scalars(newest.limit(1)).first() == "bad"

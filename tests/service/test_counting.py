@@ -1,0 +1,218 @@
+"""Runs that do not count by themselves: parts of more complete runs, and runs with doubtful times."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from itertools import permutations
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import select
+from tests.service.conftest import RUN_TOML, SETUP, send, send_result, work_off
+from tests.store.stored import MODEL, RUNS
+
+from ballscrew.base.provenance import FileRef
+from ballscrew.calibration.modelfile import model_json
+from ballscrew.service.alarms import watch_for_silence
+from ballscrew.service.serving import Service
+from ballscrew.store.store import Store
+from ballscrew.store.tables import Audit, RunRow, Setup, Upload
+
+TRIPS = tuple(FileRef(f"trip{number}.h5", f"{number:02d}" * 32) for number in range(1, 5))
+BAD = replace(RUNS[0].quality, verdict="bad", reasons=("the sensor is loose.",))
+
+
+def send_trips(client: TestClient, name: str, trips: str, **changes: Any) -> None:
+    """Send a run that was analysed at the machine from the trips of these numbers."""
+    files = tuple(TRIPS[int(number) - 1] for number in trips)
+    number = {"incomplete": 5, "complete": 6, "more": 7}[name]
+    assert send_result(client, number, key=name, id=name, files=files, **changes).status_code == 202
+
+
+def counting(client: TestClient) -> set[str]:
+    runs = client.get("/api/v1/axes/bench/runs").json()["runs"]
+    return {each["run"] for each in runs if each["counts"]} - {run.id for run in RUNS}
+
+
+def test_a_late_trip_makes_a_run_that_takes_the_place_of_the_incomplete_one(
+    client: TestClient, service: Service
+) -> None:
+    for number in range(5):
+        send_result(client, number)
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    send_trips(client, "incomplete", "12")
+    send_trips(client, "complete", "123")
+    work_off(service, lambda _: pytest.fail("no analysis"))
+    assert counting(client) == {"complete"}
+    axis = client.get("/api/v1/axes/bench").json()
+    assert (axis["refusal"], axis["shared_recordings"]) == (None, [])
+    (exclusion,) = axis["exclusions"]
+    assert (exclusion["run"], exclusion["actor"], exclusion["ended_at"]) == ("incomplete", "local", None)
+    assert "a part of those of the run complete, which counts" in exclusion["reason"]
+    with service.store.read() as session:
+        (row,) = session.scalars(select(Audit).where(Audit.action == "exclude"))
+    assert (row.subject, row.detail["by"]) == ("incomplete", "local")
+    assert Store.verify(service.store.path).faults == ()
+    assert client.delete("/api/v1/axes/bench/runs/incomplete/exclusion").status_code == 200
+    assert counting(client) == {"incomplete", "complete"}  # nothing is lost
+
+
+@pytest.mark.parametrize("order", list(permutations(("incomplete", "complete", "more"))))
+@pytest.mark.parametrize("bad", ["", "more"])
+def test_the_order_of_arrival_does_not_matter(client: TestClient, order: tuple[str, ...], bad: str) -> None:
+    trips = {"incomplete": "12", "complete": "123", "more": "1234"}
+    for name in order:
+        changes = {"quality": BAD} if name == bad else {}
+        send_trips(client, name, trips[name], **changes)
+    assert counting(client) == ({"complete"} if bad == "more" else {"more"})
+
+
+def test_parts_of_a_bad_run_that_does_not_count_stay(client: TestClient) -> None:
+    send_trips(client, "incomplete", "1")
+    send_trips(client, "complete", "2", quality=BAD)
+    send_trips(client, "more", "12", quality=BAD)
+    assert counting(client) == {"incomplete", "complete"}
+
+
+@pytest.mark.parametrize(
+    ("trips", "changes"), [("23", {}), ("34", {}), ("12", {}), ("123", {"mass_kg": 1.0})]
+)
+def test_runs_of_which_neither_is_more_complete_are_left_to_a_person(
+    client: TestClient, trips: str, changes: dict[str, Any]
+) -> None:
+    send_trips(client, "incomplete", "12")
+    send_trips(client, "complete", trips, **changes)
+    assert counting(client) == {"incomplete", "complete"}
+    assert client.get("/api/v1/axes/bench").json()["exclusions"] == []
+
+
+FUTURE = (datetime.now(UTC) + timedelta(days=400)).isoformat()
+"""Of a clock that is wrong."""
+
+
+def standing(client: TestClient) -> list[tuple[str, str]]:
+    """Actor and reason of each exclusion that has not ended."""
+    found = client.get("/api/v1/axes/bench").json()["exclusions"]
+    return [(each["actor"], each["reason"]) for each in found if each["ended_at"] is None]
+
+
+def test_a_run_from_the_future_does_not_count_until_its_time_is_corrected(
+    client: TestClient, service: Service
+) -> None:
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    for number in range(4):
+        assert send_result(client, number).json()["doubt"] is None
+    answer = send_result(client, 4, measured_at=FUTURE)
+    doubt = f"measured_at, {FUTURE}, is in the future."
+    assert (answer.status_code, answer.json()["doubt"]) == (202, doubt)
+    work_off(service, lambda _: pytest.fail("no analysis"))
+    assert standing(client) == [("server", doubt)]
+    state = client.get("/api/v1/axes/bench/state").json()
+    assert (state["newest_at"], state["refusal"]) == (RUNS[3].measured_at, None)
+    assert client.get(f"/api/v1/runs/{RUNS[4].id}").json()["sent"][0]["doubt"] == doubt
+    assert send_result(client, 4, measured_at=FUTURE).json()["doubt"] == doubt
+    correction = {"measured_at": RUNS[4].measured_at, "reason": "the clock was wrong"}
+    corrected = client.post(f"/api/v1/axes/bench/runs/{RUNS[4].id}/correct", json=correction)
+    assert corrected.status_code == 200
+    assert standing(client) == []
+    work_off(service, lambda _: pytest.fail("no analysis"))
+    assert client.get("/api/v1/axes/bench/state").json()["newest_at"] == RUNS[4].measured_at
+    assert client.get(f"/api/v1/runs/{RUNS[4].id}").json()["sent"][0]["doubt"] is None
+    assert Store.verify(service.store.path).faults == ()
+
+
+def test_a_clock_may_be_ahead_by_five_minutes(client: TestClient) -> None:
+    for number, seconds in ((0, 240), (1, 360)):
+        time = (datetime.now(UTC) + timedelta(seconds=seconds)).isoformat()
+        assert (send_result(client, number, measured_at=time).json()["doubt"] is None) == (seconds < 300)
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_time_far_from_all_others_is_doubtful(client: TestClient, first: bool) -> None:
+    """Of a clock that lost its battery; the first run of an axis has no others."""
+    if not first:
+        send_result(client, 1)
+    found = send_result(client, 0, measured_at="2000-01-01T00:01:00+00:00").json()["doubt"]
+    if first:
+        assert found is None
+        return
+    assert "2000-01-01T00:01:00+00:00, is more than a year from every other run" in found
+    assert [actor for actor, _ in standing(client)] == ["server"]
+    assert client.delete(f"/api/v1/axes/bench/runs/{RUNS[0].id}/exclusion").status_code == 200
+    assert standing(client) == []  # a person has decided
+
+
+def test_a_run_after_a_long_pause_is_not_doubtful(client: TestClient) -> None:
+    send_result(client, 0, measured_at="2020-01-01T00:00:00+00:00")
+    assert send_result(client, 1, measured_at=datetime.now(UTC).isoformat()).json()["doubt"] is None
+
+
+def test_a_run_whose_time_is_doubtful_neither_hides_silence_nor_ends_a_trouble(
+    client: TestClient, service: Service
+) -> None:
+    client.put("/api/v1/axes/bench", json=SETUP | {"schedule": {"period_s": 3600}})
+    send_result(client, 0, quality=BAD)
+    before = (datetime.now(UTC) - timedelta(hours=2)).isoformat(timespec="milliseconds")
+    with service.store.write("test") as session:
+        session.scalars(select(Setup)).one().set_up_at = before
+        for row in (*session.scalars(select(RunRow)), *session.scalars(select(Upload))):
+            row.received_at = before
+    watch_for_silence(service)
+    for doubtful in (True, False):
+        time = FUTURE if doubtful else RUNS[2].measured_at
+        text = RUN_TOML.replace("2026-01-01T08:00:00Z", f'"{time}"')
+        run = f"/api/v1/axes/bench/runs/{doubtful}"
+        send_result(client, 1 if doubtful else 2, measured_at=time)
+        watch_for_silence(service)
+        answer = send(client, run, run_toml=text).json()  # which waits for its analysis
+        assert (answer["doubt"] is not None) == doubtful
+        watch_for_silence(service)
+        troubles = client.get("/api/v1/alarms").json()["alarms"]
+        states = {each["kind"]: each["state"] for each in troubles}
+        assert set(states.values()) == ({"raised"} if doubtful else {"ended"})
+
+
+def test_a_refused_run_with_a_doubtful_time_is_a_trouble_from_its_receipt(
+    client: TestClient, service: Service
+) -> None:
+    answer = send(client, run_toml=RUN_TOML.replace("2026-01-01T08:00:00Z", f'"{FUTURE}"')).json()
+    work_off(service, lambda _: ("refused", "a.h5: has no channel 'a'."))
+    (trouble,) = client.get("/api/v1/alarms").json()["alarms"]
+    assert trouble["began_at"] == answer["received_at"]
+
+
+@pytest.mark.parametrize(
+    ("body", "status"),
+    [
+        ({}, 422),
+        ({"measured_at": "soon"}, 422),
+        ({"measured_at": FUTURE}, 422),
+        ({"mass_kg": -1}, 422),
+        ({"measured_at": RUNS[1].measured_at, "reason": "x\x00"}, 422),
+        ({"measured_at": RUNS[1].measured_at, "more": 1}, 422),
+    ],
+)
+def test_what_cannot_be_corrected_is_refused(client: TestClient, body: dict[str, Any], status: int) -> None:
+    send_result(client, 0)
+    answer = client.post(f"/api/v1/axes/bench/runs/{RUNS[0].id}/correct", json=body)
+    assert (answer.status_code, type(answer.json()["detail"])) == (status, str)
+    assert client.get("/api/v1/axes/bench").json()["corrections"] == []
+
+
+def test_a_correction_states_by_whom_it_was_made(client: TestClient, service: Service) -> None:
+    send_result(client, 0)
+    body = {"measured_at": RUNS[1].measured_at, "reason": "the clock was wrong"}
+    answer = client.post(f"/api/v1/axes/bench/runs/{RUNS[0].id}/correct", json=body).json()
+    assert answer["supersedes"] == RUNS[0].id
+    (correction,) = client.get("/api/v1/axes/bench").json()["corrections"]
+    assert (correction["run"], correction["actor"]) == (answer["id"], "local")
+    with service.store.read() as session:
+        rows = session.scalars(select(Audit).where(Audit.action == "correct")).all()
+    assert [row.detail["by"] for row in rows] == ["local"]
+    again = client.post(f"/api/v1/axes/bench/runs/{RUNS[0].id}/correct", json=body)
+    assert again.json()["id"] == answer["id"]
+    body["measured_at"] = RUNS[2].measured_at
+    again = client.post(f"/api/v1/axes/bench/runs/{RUNS[0].id}/correct", json=body)
+    assert (again.status_code, "was corrected already" in again.json()["detail"]) == (422, True)

@@ -1,0 +1,46 @@
+"""The service on PostgreSQL: set-up, upload, verdict, and what is read."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from tests.service.conftest import SETUP, client_of, send, send_result, work_off
+from tests.store.conftest import postgresql  # noqa: F401  a fixture
+from tests.store.servers import PostgreSQL
+from tests.store.stored import MODEL, RUNS
+
+from ballscrew.calibration.modelfile import model_json
+from ballscrew.service.serving import ServedStore, Service
+from ballscrew.service.settings import ServerSettings
+from ballscrew.store.opened import create_store
+from ballscrew.store.store import Store
+
+
+def test_a_round_trip_on_postgresql(postgresql: PostgreSQL, tmp_path: Path) -> None:  # noqa: F811
+    folder = create_store(tmp_path / "store", database=postgresql.new_database()).path
+    service = Service(ServedStore(folder), ServerSettings(min_free_bytes=0))
+    service.partial.mkdir()
+    with client_of(service) as client:
+        assert client.put("/api/v1/axes/bench", json=SETUP).status_code == 200
+        assert client.put("/api/v1/axes/bench/model", json=model_json(MODEL)).status_code == 200
+        assert send(client).status_code == 202
+        assert send(client).status_code == 200
+        bad = replace(RUNS[2].quality, verdict="bad", reasons=("the sensor is loose.",))
+        for number, quality in ((1, RUNS[1].quality), (2, bad)):
+            assert send_result(client, number, quality=quality).status_code == 202
+        work_off(service, lambda _: ("done", (RUNS[0].to_json(), [])))
+        assert client.get("/api/v1/axes/bench/state").json()["state"] == "learning"
+        (alarm,) = client.get("/api/v1/alarms").json()["alarms"]
+        assert (alarm["kind"], alarm["state"]) == ("measurement", "raised")
+        assert len(client.get("/api/v1/axes/bench/history").json()["history"]) == 3
+        found = client.get(f"/api/v1/runs/{RUNS[0].id}").json()
+        assert (found["sent"][0]["status"], found["run"]["id"]) == ("done", RUNS[0].id)
+        excluded = client.post(f"/api/v1/axes/bench/runs/{RUNS[1].id}/exclusion", json={"reason": "x"})
+        assert excluded.json()["excluded"]
+        work_off(service, lambda _: ("failed", "no analysis"))
+        assert client.get("/api/v1/jobs").json()["jobs"] == []
+        assert "ballscrew_queue_jobs 0\n" in client.get("/metrics").text
+    assert Store.verify(folder).faults == ()
+    service.store.engine(writing=True).dispose()
+    service.store.engine(writing=False).dispose()

@@ -1,0 +1,115 @@
+"""What is read over HTTP: runs by the beginning of their ids, their documents and cells; names of axes."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+from tests.service.conftest import SETUP, NewService, client_of, send, send_result, work_off
+from tests.store.stored import EVENTS, RUNS
+
+from ballscrew.base.errors import InputError
+from ballscrew.modal.run import Run
+from ballscrew.service.serving import Service
+from ballscrew.service.tokens import create_token
+from ballscrew.store.adding import add_events, add_run
+from ballscrew.store.tables import Axis
+
+ID = "0123456789abcdef"
+
+
+def send_two(client: TestClient) -> None:
+    """Two runs whose ids have ten characters in common."""
+    for number, identity in enumerate((ID, ID[:10] + "x" * 6)):
+        assert send_result(client, number, id=identity).status_code == 202
+
+
+@pytest.mark.parametrize(
+    ("text", "status"), [(ID, 200), (ID[:11], 200), (ID[:10], 409), (ID[:7], 404), ("%" * 8, 404)]
+)
+def test_a_run_is_found_by_the_beginning_of_its_id(client: TestClient, text: str, status: int) -> None:
+    send_two(client)
+    for part in ("", "/document", "/cells"):
+        answer = client.get(f"/api/v1/runs/{text}{part}")
+        assert answer.status_code == status
+    assert status != 409 or "give more of it" in answer.json()["detail"]
+    body = {"reason": "loose sensor"}
+    assert client.post(f"/api/v1/axes/bench/runs/{text}/exclusion", json=body).status_code == status
+    excluded = client.get("/api/v1/axes/bench").json()["exclusions"]
+    assert [each["run"] for each in excluded] == ([ID] if status == 200 else [])
+
+
+def test_an_id_that_begins_another_is_found(client: TestClient) -> None:
+    for number, identity in enumerate((ID + "0", ID, ID + "1")):
+        send_result(client, number, id=identity)
+    assert client.get(f"/api/v1/runs/{ID}").json()["run"]["id"] == ID
+
+
+def test_what_send_prints_finds_a_run_before_and_after_its_analysis(
+    client: TestClient, service: Service
+) -> None:
+    identity = send(client).json()["id"][:12]
+    assert client.get(f"/api/v1/runs/{identity}").json()["run"] is None
+    answer = client.get(f"/api/v1/runs/{identity}/cells")
+    assert (answer.status_code, answer.json()["detail"]) == (404, "the run has no result.")
+    work_off(service, lambda _: ("done", (RUNS[0].to_json(), [])))
+    assert client.get(f"/api/v1/runs/{identity}").json()["run"]["id"] == RUNS[0].id
+
+
+def test_a_machine_finds_only_its_runs(new_service: NewService) -> None:
+    service = new_service(host="0.0.0.0", allow_plain_http=True)  # noqa: S104
+    local = Service(service.store, service.settings.model_copy(update={"host": "127.0.0.1"}))
+    with client_of(local) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        other = SETUP | {"machine": "mill 5", "sheet": SETUP["sheet"].replace('"bench"', '"Y axis"')}
+        client.put("/api/v1/axes/Y axis", json=other)
+        send_two(client)
+    for machine, status in (("mill 4", 200), ("mill 5", 403)):
+        _, text = create_token(service.store, machine, admin=False)
+        with client_of(service, headers={"Authorization": f"Bearer {text}"}) as client:
+            for part in ("", "/document"):
+                assert client.get(f"/api/v1/runs/{ID}{part}").status_code == status
+            assert (
+                client.get("/api/v1/runs/none-such").status_code == 403
+            )  # whether there is one is not shown
+
+
+def test_the_document_and_the_cells_are_those_of_the_run(client: TestClient) -> None:
+    reasons = replace(RUNS[0].cells[1], reasons=("=HYPERLINK(1)",), reason_kinds=("",), verdict="suspect")
+    run = replace(RUNS[0], cells=(RUNS[0].cells[0], reasons, *RUNS[0].cells[2:]))
+    send_result(client, 0, cells=run.cells)
+    document = client.get(f"/api/v1/runs/{run.id}/document").json()
+    assert document == run.to_json()
+    assert Run.from_json(document).to_json() == document
+    cells = client.get(f"/api/v1/runs/{run.id}/cells").json()
+    assert [cell["frequency_Hz"] for cell in cells["cells"]] == [cell.frequency_Hz for cell in run.cells]
+    answer = client.get(f"/api/v1/runs/{run.id}/cells?format=csv")
+    assert answer.headers["Content-Type"] == "text/csv; charset=utf-8"
+    rows = list(csv.DictReader(io.StringIO(answer.text)))
+    assert [float(row["frequency_Hz"]) for row in rows] == [cell.frequency_Hz for cell in run.cells]
+    assert rows[1]["reasons"] == "'=HYPERLINK(1)"  # which no spreadsheet executes
+    assert client.get(f"/api/v1/runs/{run.id}/cells?format=xlsx").status_code == 422
+
+
+@pytest.mark.parametrize("name", ["X/Y", "/", "..", " . "])
+def test_a_name_that_cannot_be_a_part_of_a_url_is_refused_when_an_axis_is_added(
+    service: Service, name: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match="any characters but '/' and control characters, and not dots alone"):
+        add_run(service.store, replace(RUNS[0], axis=name))
+    with pytest.raises(InputError, match="any characters but '/'"):
+        add_events(service.store, EVENTS, name)
+    assert tmp_path.exists()
+
+
+def test_an_axis_of_an_older_store_whose_name_has_a_slash_can_be_read(service: Service) -> None:
+    with service.store.write("test") as session:
+        session.add(Axis(name="X/Y", runs=0))
+    assert add_run(service.store, replace(RUNS[0], axis="X/Y")).is_new
+    with client_of(service) as client:
+        assert [axis["axis"] for axis in client.get("/api/v1/axes").json()["axes"]] == ["X/Y"]
+        assert client.get(f"/api/v1/runs/{RUNS[0].id}/cells").status_code == 200
