@@ -12,6 +12,7 @@ from tests.simulated_bench import AXIS, PLAN
 
 from ballscrew.service.serving import Service
 
+LOADS = ["80 kg", "90 kg", "100 kg"]
 ADDRESS = "/axes/bench/setup"
 FORM = {"machine": "mill 4", "site": "", "sheet": AXIS, "plan": PLAN, "channels": CHANNELS, "do": "save"}
 
@@ -64,6 +65,10 @@ def test_a_new_axis_is_set_up_by_the_name_in_its_data_sheet(client: TestClient) 
         ({"period": "1e400"}, "The period is '1e400'"),
         ({"plan": "", "do": "check"}, "a check needs a data sheet and a plan."),
         ({"plan": "positions = 1", "do": "check"}, "plan.toml"),
+        (
+            {"plan": PLAN.replace('"45 mm"', '"0.5 mm"').replace('["100 kg"]', str(LOADS)), "do": "check"},
+            "2703",
+        ),
     ],
 )
 def test_a_wrong_set_up_is_one_sentence_and_the_input_stays(

@@ -33,6 +33,7 @@ router = APIRouter(include_in_schema=False)
 
 _DAY = 86400.0  # s
 _MOST_DAYS = 3650.0
+_MOST_CHECKED = 2000  # combinations of stop, load, preload and motion: about 6 s
 _LABELS = {
     "machine": "The machine",
     "site": "The site",
@@ -168,6 +169,12 @@ def _checked(service: Service, form: Mapping[str, Any]) -> Outcome:
     if not form.get("sheet", "").strip() or not form.get("plan", "").strip():
         raise RefusedError(UNPROCESSABLE, "a check needs a data sheet and a plan.")
     test, sheet = _plan_of(form)
+    count = len(test.positions) * len(test.masses) * len(test.motions) * max(1, len(test.preloads))
+    if count > _MOST_CHECKED:
+        raise InputError(
+            f"the plan has {count} combinations of stop, load, preload and motion; this page checks "
+            f"{_MOST_CHECKED} or fewer, 'ballscrew plan' all."
+        )
     with service.computing("the check of a plan"):
         found: PlannedTest = plan(test, axis=sheet)
     return Outcome("check", "", form, 200, found)

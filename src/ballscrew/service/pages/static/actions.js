@@ -132,7 +132,7 @@
     for (const file of files) {
       if (!isToml(file.name) || file.size > 1 << 20) continue;
       const text = await file.text();
-      if (/^\s*files\s*=/m.test(text)) return { file, text };
+      if (/^\s*files\s*=/m.test(text)) return { file, text, hasTime: /^\s*measured_at\s*=/m.test(text) };
     }
     return null;
   }
@@ -172,12 +172,16 @@
     async choose(files) {
       this.files = files;
       this.list.replaceChildren();
+      this.result.replaceChildren();
+      this.problem.hidden = true;
       for (const file of files) {
         const row = element("li", `${file.name} `);
         row.append(element("small", `${ballscrew.number(file.size / 1e6, 2)} MB `), element("span"));
         this.list.append(row);
       }
-      this.form.querySelector("[data-without-toml]").hidden = (await statedRun(files)) !== null;
+      const stated = await statedRun(files);
+      for (const each of this.form.querySelectorAll("[data-without-toml]")) each.hidden = stated !== null;
+      this.form.measured_at.closest("label").hidden = stated !== null && stated.hasTime;
     }
 
     state(place, text) {
@@ -210,14 +214,16 @@
       if (/[\u0000-\u001f\u007f]/.test(form.key.value)) throw new Error(words.key);
       const sent = [];
       for (const file of others) sent.push({ name: file.name, sha256: await this.hash(file) });
-      const content = new TextEncoder().encode(JSON.stringify([text, sent]));
+      let measuredAt = null; // in the text, or else from the form
+      if (stated && !stated.hasTime && form.measured_at.value) measuredAt = new Date(form.measured_at.value).toISOString();
+      const content = new TextEncoder().encode(JSON.stringify([text, sent, measuredAt]));
       const key = form.key.value.trim() || `web-${(await digest(content)).slice(0, 16)}`;
       const base = `/api/v1/axes/${encodeURIComponent(form.dataset.axis)}/runs/${encodeURIComponent(key)}`;
       for (const [index, file] of others.entries()) await this.store(base, file, sent[index].sha256);
       const answer = await this.fetch(`${base}/complete`, {
         method: "POST",
         headers: { "Content-Type": "application/json" },
-        body: JSON.stringify({ files: sent, run_toml: text }),
+        body: JSON.stringify({ files: sent, run_toml: text, measured_at: measuredAt }),
       });
       if (!answer.ok) throw new Error(await sentenceOf(answer));
       await this.follow((await answer.json()).id, answer.status === 200);
@@ -281,9 +287,11 @@
       link.href = `/runs/${encodeURIComponent(sent?.result ?? document.run.id)}`;
       line.append(" · ", link);
       result.replaceChildren(line);
-      if (quality.reasons.length) {
+      const reasons = [...quality.reasons];
+      if (!document.run.run.measured_at) reasons.push(words.time);
+      if (reasons.length) {
         const list = element("ul");
-        for (const reason of quality.reasons) list.append(element("li", reason));
+        for (const reason of reasons) list.append(element("li", reason));
         result.append(list);
       }
     }
