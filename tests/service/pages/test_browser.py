@@ -18,15 +18,33 @@ from tests.service.pages.browser import HOSTILE, Window, make_plant, serving
 from tests.store.stored import RUNS
 
 from ballscrew.service import pages
+from ballscrew.service.pages.help_topics import TOPICS
 from ballscrew.service.serving import Service
 
 HOSTILE_URL = quote(HOSTILE, safe="")
+RUN_URL = quote(RUNS[3].id)
 PAGES = {
     "/": ["/"],
+    "/alarms": ["/alarms"],
+    "/axes/{axis:path}": ["/axes/bench", f"/axes/{HOSTILE_URL}", "/axes/Y%20axis"],
+    "/axes/{axis}/actions": ["/axes/bench/actions", f"/axes/{HOSTILE_URL}/actions"],
+    "/axes/{axis}/calibration": ["/axes/bench/calibration"],
+    "/axes/{axis}/setup": ["/axes/bench/setup", f"/axes/{HOSTILE_URL}/setup"],
+    "/compare": [
+        "/compare",
+        f"/compare?a={RUN_URL}&b={quote(RUNS[9].id)}",
+        f"/compare?a=bench&b={HOSTILE_URL}",
+    ],
+    "/help": ["/help"],
+    "/help/{topic}": [f"/help/{topic}" for topic in TOPICS],
+    "/runs/{run}": [f"/runs/{RUN_URL}", "/runs/hostile"],
+    "/runs/{run}/signals": [f"/runs/{RUN_URL}/signals"],
+    "/setup": ["/setup"],
     "/status": ["/status"],
 }
 """Addresses of each route that is a page; those of an axis also with hostile names."""
 
+DOWNLOADS = {"/axes/{axis}/gcode", "/axes/{axis}/calibration/model"}
 ADDRESSES = [address for addresses in PAGES.values() for address in addresses]
 SIZES = {"desk": (1280, 900), "panel": (1024, 600), "phone": (390, 844)}
 FOCUSABLE = """() => [...document.querySelectorAll(
@@ -93,7 +111,7 @@ def test_the_table_has_every_page() -> None:
         for route in getattr(router, "routes", ()):
             if "GET" in route.methods and not route.path.startswith(("/static/", "/api/")):
                 found.add(route.path)
-    assert found == set(PAGES)
+    assert found == set(PAGES) | DOWNLOADS
     for path, addresses in PAGES.items():
         assert addresses
         for each in addresses:
