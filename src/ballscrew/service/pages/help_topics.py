@@ -17,7 +17,7 @@ from ballscrew.service.serving import UNPROCESSABLE, RefusedError, answer_refusa
 
 router = APIRouter(include_in_schema=False)
 
-TOPICS = ("start", "fleet", "axis", "run", "alarms", "actions", "compare", "signals")
+TOPICS = ("start", "fleet", "axis", "run", "alarms", "actions", "compare", "signals", "status")
 """Topics of the help, each with a template."""
 
 
