@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
@@ -82,10 +83,7 @@ def _context(service: Service, name: str) -> dict[str, Any]:
     document = axis_document(service, name)
     document["runs"].reverse()
     explanation = document.pop("explanation") or {}
-    excluded = {}
-    for each in document.pop("exclusions"):
-        if each["ended_at"] is None:
-            excluded[each["run"] or each["event"]] = each
+    excluded = _standing(document.pop("exclusions"))
     timed = [run for run in document["runs"] if run["counts"] and run["measured_at"] is not None]
     with service.store.read() as session:
         axis = find_axis(session, name)
@@ -102,6 +100,15 @@ def _context(service: Service, name: str) -> dict[str, Any]:
         "alarms": alarms,
         **found,
     }
+
+
+def _standing(exclusions: Sequence[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Exclusions that have not ended, by their run or event."""
+    found = {}
+    for each in exclusions:
+        if each["ended_at"] is None:
+            found[each["run"] or each["event"]] = each
+    return found
 
 
 def _place(session: Session, axis: Axis) -> dict[str, Any]:
