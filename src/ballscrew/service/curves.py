@@ -185,24 +185,11 @@ def _frequency_columns(
     runs: Sequence[Any], cells: Sequence[Any], states: dict[int, tuple[int, bool]]
 ) -> dict[str, Any]:
     """Frequencies by run and stop."""
-    places = {run.id: place for place, run in enumerate(runs)}
     keys = sorted({tuple(cell[1:4]) for cell in cells})
-    columns = {key: place for place, key in enumerate(keys)}
-    frequency = np.full((len(runs), len(keys)), np.nan)
-    for number, position, condition, motion, value in cells:
-        if number in places and value is not None:
-            frequency[places[number], columns[position, condition, motion]] = value
-    relative = np.full_like(frequency, np.nan)
-    epochs = np.array([states.get(run.id, (-1, False))[0] for run in runs], dtype=int)
-    learned = np.array([states.get(run.id, (-1, False))[1] for run in runs], dtype=bool)
-    for epoch in set(epochs.tolist()):
-        members = np.flatnonzero(epochs == epoch)
-        baseline = members[learned[members]]
-        if not baseline.size:
-            baseline = members[:_BASELINE]
-        relative[members] = frequency[members] / _median(frequency[baseline])
-    positions = sorted({key[0] for key in keys})
+    frequency = _table(runs, cells, keys)
+    relative = _relative(frequency, [states.get(run.id, (-1, False)) for run in runs])
     stops = np.array([key[0] for key in keys])
+    positions = np.unique(stops).tolist()
     by_stop = [stops == position for position in positions]
     return {
         "run": [run.run for run in runs],
@@ -211,6 +198,30 @@ def _frequency_columns(
         "frequency_Hz": _means(frequency, by_stop),
         "relative": _means(relative, by_stop),
     }
+
+
+def _table(runs: Sequence[Any], cells: Sequence[Any], keys: Sequence[Any]) -> Array:
+    """Frequency by run and cell; NaN where there is none."""
+    rows = {run.id: place for place, run in enumerate(runs)}
+    columns = {key: place for place, key in enumerate(keys)}
+    found = np.full((len(runs), len(keys)), np.nan)
+    for number, position, condition, motion, value in cells:
+        if number in rows and value is not None:
+            found[rows[number], columns[position, condition, motion]] = value
+    return found
+
+
+def _relative(frequency: Array, states: Sequence[tuple[int, bool]]) -> Array:
+    """Frequencies over the baseline of their epoch."""
+    found = np.full_like(frequency, np.nan)
+    epochs, learned = np.array(states, dtype=int).reshape(-1, 2).T
+    for epoch in np.unique(epochs):
+        members = np.flatnonzero(epochs == epoch)
+        baseline = members[learned[members] > 0]
+        if not baseline.size:
+            baseline = members[:_BASELINE]
+        found[members] = frequency[members] / _median(frequency[baseline])
+    return found
 
 
 def _median(values: Array) -> Array:

@@ -234,3 +234,18 @@ def test_the_model_of_the_page_is_that_of_the_assessment(client: TestClient) -> 
     assert MODEL.axis == "bench"
     digest = page_of(client).split("<code>")[1].split("</code>")[0]
     assert len(digest) == 64
+
+
+def test_the_report_of_an_axis_is_a_file_with_its_headline(client: TestClient) -> None:
+    answer = client.get("/axes/bench/report.html")
+    assert answer.headers["Content-Disposition"] == "attachment; filename*=UTF-8''bench.html"
+    assert "ALARM since 2026-01-22" in unescape(answer.text)
+    hostile = client.get(f"/axes/{quote(HOSTILE, safe='')}/report.html")
+    assert hostile.status_code == 200
+    assert "<script>alert" not in hostile.text
+    assert '"' not in hostile.headers["Content-Disposition"]
+
+
+@pytest.mark.parametrize(("path", "status"), [("none/report.html", 404), ("bench/report.exe", 422)])
+def test_a_report_that_cannot_be_made_is_refused(client: TestClient, path: str, status: int) -> None:
+    assert client.get(f"/axes/{path}").status_code == status

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+import tempfile
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+from urllib.parse import quote
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from ballscrew.base.errors import shown
 from ballscrew.base.provenance import digest
 from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.pages.rendering import render
@@ -16,11 +22,34 @@ from ballscrew.service.reading import axis_document
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.store.alarms import alarm_documents
 from ballscrew.store.reading import find_axis
+from ballscrew.store.reporting import report
 from ballscrew.store.tables import Assessment, Axis, EpochRow, MachineRow, Method
 
 router = APIRouter(include_in_schema=False)
 
 _ROWS = 100  # runs in the table, unless all are asked for
+_TYPES = {"html": "text/html; charset=utf-8", "pdf": "application/pdf"}
+_REPORTS = threading.Lock()  # one at a time: each assesses an axis, and draws
+
+
+@router.get("/axes/{axis:path}/report.{kind}")
+def send_report(
+    axis: str,
+    kind: Literal["html", "pdf"],
+    caller: AdminCaller,  # noqa: ARG001
+    service: RunningService,
+) -> Response:
+    """Report of an axis as a file."""
+    with service.store.read() as session:
+        if session.scalar(select(Axis.id).where(Axis.name == axis)) is None:
+            raise RefusedError(404, f"there is no axis {shown(axis)}.")
+    with _REPORTS, tempfile.TemporaryDirectory(prefix="ballscrew-") as folder:
+        path = Path(folder) / f"report.{kind}"
+        report(service.store, axis, out=path)
+        content = path.read_bytes()
+    name = quote(f"{axis}.{kind}", safe="")
+    headers = {"Content-Disposition": f"attachment; filename*=UTF-8''{name}", "Cache-Control": "no-store"}
+    return Response(content, media_type=_TYPES[kind], headers=headers)
 
 
 @router.get("/axes/{axis:path}")
@@ -54,14 +83,11 @@ def _context(service: Service, name: str) -> dict[str, Any]:
     document = axis_document(service, name)
     document["runs"].reverse()
     explanation = document.pop("explanation") or {}
-    excluded = {}
-    for each in document.pop("exclusions"):
-        if each["ended_at"] is None:
-            excluded[each["run"] or each["event"]] = each
+    excluded = _standing(document.pop("exclusions"))
     timed = [run for run in document["runs"] if run["counts"] and run["measured_at"] is not None]
     with service.store.read() as session:
         axis = find_axis(session, name)
-        alarms = [each for each in alarm_documents(session) if each["axis"] == name]
+        alarms = alarm_documents(session, axis)
         found = _place(session, axis) | _made(session, axis)
     return {
         "axis": document,
@@ -74,6 +100,15 @@ def _context(service: Service, name: str) -> dict[str, Any]:
         "alarms": alarms,
         **found,
     }
+
+
+def _standing(exclusions: Sequence[dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Exclusions that have not ended, by their run or event."""
+    found = {}
+    for each in exclusions:
+        if each["ended_at"] is None:
+            found[each["run"] or each["event"]] = each
+    return found
 
 
 def _place(session: Session, axis: Axis) -> dict[str, Any]:

@@ -31,7 +31,7 @@
   // ---- what all charts have -------------------------------------------------------------------------------
 
   function extend(low, high) {
-    const margin = Math.max((high - low) * 0.02, DAY);
+    const margin = Math.max((high - low) * 0.02, 3 * DAY);
     const [begin, end] = view.full ?? [Infinity, -Infinity];
     view.full = [Math.min(begin, low - margin), Math.max(end, high + margin)];
   }
@@ -46,9 +46,12 @@
 
   function dates(plot, splits, axis, space, step) {
     const parts = step >= 300 * DAY ? { year: "numeric" } : step >= 25 * DAY ? { year: "2-digit", month: "short" } : { day: "numeric", month: "short" };
-    if (step < DAY) Object.assign(parts, { hour: "2-digit", minute: "2-digit" });
-    const format = new Intl.DateTimeFormat(ballscrew.language, parts);
-    return splits.map((each) => format.format(new Date(1000 * each)));
+    const day = new Intl.DateTimeFormat(ballscrew.language, parts);
+    const hour = new Intl.DateTimeFormat(ballscrew.language, { hour: "2-digit", minute: "2-digit" });
+    return splits.map((each) => {
+      const at = new Date(1000 * each);
+      return step < DAY && at.getHours() + at.getMinutes() > 0 ? hour.format(at) : day.format(at);
+    });
   }
 
   function axisOf(options = {}) {
@@ -65,9 +68,9 @@
         width: width(),
         height,
         legend: { show: false },
-        padding: [8, 8, 0, 0],
+        padding: [8, 24, 0, 0],
         scales: { x: { time: true }, y: options.scale },
-        axes: [axisOf({ values: dates, space: 70, size: 26, ...options.dates }), axisOf({ size: 64, ...options.axis })],
+        axes: [axisOf({ values: dates, space: 70, size: 26, ...options.dates }), axisOf({ size: 64, space: 22, ...options.axis })],
         series: [{}, ...options.series],
         cursor: {
           y: false,
@@ -314,8 +317,8 @@
     const { ahead } = trend;
     if (!ahead?.begins || !ahead.days.length) return;
     const begin = seconds(ahead.begins);
-    const history = Math.max(begin - time[0], 30 * DAY);
-    extend(begin, begin + Math.min(DAY * ahead.days[ahead.days.length - 1], history));
+    const reach = Math.max((begin - time[0]) / 2, 60 * DAY);
+    extend(begin, begin + Math.min(DAY * ahead.days[ahead.days.length - 1], reach));
   }
 
   // ---- readout --------------------------------------------------------------------------------------------
@@ -426,8 +429,8 @@
     });
     const [ramp, odds] = [clip(trend.runs.ramp), clip(trend.runs.odds)];
     update(place("evidence"), run, [time, ramp, odds], {
-      scale: { distr: 4, asinh: 1, range: () => [0, Math.min(HIGHEST, Math.max(3, most(finite([...trend.runs.ramp, ...trend.runs.odds]))))] },
-      axis: { splits: () => [0, 1, 3, 10, 30, 100], filter: (plot, splits) => splits, values: (plot, splits) => splits.map(String) },
+      scale: { distr: 4, asinh: 1, range: () => [0, 1.15 * Math.min(HIGHEST, Math.max(3, most(finite([...trend.runs.ramp, ...trend.runs.odds]))))] },
+      axis: { splits: () => [0, 1, 3, 10, 30, 100], filter: (plot, splits) => splits.map((each) => (each <= plot.scales.y.max ? each : null)), values: (plot, splits) => splits.map((each) => each ?? "") },
       series: [
         { stroke, width: 1.4, gaps: betweenEpochs, points: points(stroke) },
         { stroke, width: 1.2, gaps: betweenEpochs, dash: [5, 4], points: { ...points(stroke), size: 3 } },
