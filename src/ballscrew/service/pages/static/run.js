@@ -68,7 +68,7 @@
     const gaps = places.slice(1).map((x, n) => x - places[n]);
     const pitch = gaps.length ? Math.min(...gaps) : 10;
     return cells.map((cell) => ({
-      x: 1000 * cell.position_m + 0.13 * pitch * (conditions.indexOf(cell.condition) - 1.5),
+      x: 1000 * cell.position_m + 0.07 * pitch * (conditions.indexOf(cell.condition) - 1.5),
       y: cell[value], half: 1.96 * (cell[uncertainty] ?? 0), condition: cell.condition, verdict: cell.verdict,
     })).sort((a, b) => a.x - b.x);
   }
