@@ -32,8 +32,8 @@ class MadeTask:
 
 @pytest.fixture
 def results(service: Service) -> OnDemand:
-    (service.scratch / "on-demand").mkdir(parents=True)
-    return OnDemand(service)
+    service.scratch.mkdir()
+    return OnDemand(service, "made")
 
 
 def find(results: OnDemand, key: str, task: MadeTask) -> Path | None:

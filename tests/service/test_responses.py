@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from fastapi.testclient import TestClient
+from tests.conftest import BenchRun
 from tests.service import raw_runs
 from tests.service.conftest import send_result
 from tests.store.stored import RUNS
@@ -92,3 +93,8 @@ def test_an_analysis_that_is_refused_is_a_sentence(
     monkeypatch.setattr("ballscrew.store.analysing.analyse_files", refuse)
     answer = client.get(f"/api/v1/runs/{run}/response")
     assert (answer.status_code, answer.json()["detail"]) == (422, "trip.npz: has no channel.")
+
+
+def test_the_spectra_of_both_methods_are_the_same(bench_run: BenchRun) -> None:
+    joint, paper = (bench_run("preload-4-percent", method) for method in ("joint", "paper"))
+    xr.testing.assert_equal(joint.frequency_response, paper.frequency_response)

@@ -76,7 +76,7 @@ def create_app(service: Service, workers: Sequence[Worker] = ()) -> FastAPI:
     app.state.workers = workers
     app.state.receiving = set()
     app.state.calibrator = Calibrator(service)
-    app.state.on_demand = OnDemand(service)
+    app.state.signals, app.state.responses = OnDemand(service, "signals"), OnDemand(service, "responses")
     modules: tuple[ModuleType, ...] = _RESOURCES
     if service.settings.on_loopback:
         modules += _PAGES

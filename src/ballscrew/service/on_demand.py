@@ -28,7 +28,7 @@ _PATIENCE = 2.0  # s until an answer says that a result is being computed
 _TICK = 0.2  # s between looks at whether the service stops
 _IDLE = 300.0  # s without a task after which the process ends
 _MOST_WAITING = 8  # tasks
-_MOST_BYTES = 4 << 30  # of all results; the oldest are removed
+_MOST_BYTES = 4 << 30  # of all results of a kind; the oldest are removed
 _MOST_REFUSALS = 1000  # that are remembered
 
 
@@ -74,16 +74,19 @@ def compute(task: FileTask, target: Path) -> str | None:
 
 
 class OnDemand:
-    """Results of tasks in folders of the scratch folder, and the process that computes them, one by one.
+    """Results of tasks of one kind in folders, and the process that computes them, one by one.
 
     Parameters
     ----------
     service : Service
         The service.
+    kind : str
+        Name of their folder in the scratch folder.
     """
 
-    def __init__(self, service: Service) -> None:
+    def __init__(self, service: Service, kind: str) -> None:
         self.service = service
+        self.kind = kind
         self._lock = threading.Lock()
         self._tasks: queue.SimpleQueue[tuple[str, FileTask]] = queue.SimpleQueue()
         self._waiting: dict[str, threading.Event] = {}
@@ -94,7 +97,7 @@ class OnDemand:
 
     @property
     def _folder(self) -> Path:
-        return self.service.scratch / "on-demand"
+        return self.service.scratch / self.kind
 
     def find(self, key: str, task: FileTask) -> Path | None:
         """Folder with the result of a task.
@@ -237,10 +240,17 @@ def not_yet(sentence: str) -> JSONResponse:
     return JSONResponse({"detail": sentence}, 202, {"Retry-After": "1"})
 
 
-def on_demand_of(request: Request) -> OnDemand:
-    """The results of the service of a request."""
-    found: OnDemand = request.app.state.on_demand
+def signals_of(request: Request) -> OnDemand:
+    """Signals of raw files of the service of a request, which never wait for an FRF."""
+    found: OnDemand = request.app.state.signals
     return found
 
 
-Results = Annotated[OnDemand, Depends(on_demand_of)]
+def responses_of(request: Request) -> OnDemand:
+    """FRFs of the service of a request."""
+    found: OnDemand = request.app.state.responses
+    return found
+
+
+Signals = Annotated[OnDemand, Depends(signals_of)]
+Responses = Annotated[OnDemand, Depends(responses_of)]

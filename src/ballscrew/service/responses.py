@@ -19,7 +19,7 @@ from ballscrew.base.provenance import digest
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.comparing import run_of
-from ballscrew.service.on_demand import Results, not_yet
+from ballscrew.service.on_demand import Responses, not_yet
 from ballscrew.service.serving import RefusedError
 from ballscrew.service.stored_runs import (
     RAW_GONE,
@@ -91,7 +91,7 @@ def show_response(
     run: str,
     caller: AdminCaller,  # noqa: ARG001
     service: RunningService,
-    results: Results,
+    results: Responses,
     cell: Annotated[int, Query(ge=0, le=100_000)] = 0,
 ) -> dict[str, Any] | JSONResponse:
     """FRF of a cell of a run by its number, with coherence, and the transients that it is averaged over.
@@ -107,7 +107,7 @@ def show_response(
         if cell >= len(result.cells):
             raise RefusedError(404, f"the run has {len(result.cells)} cells, and none of the number {cell}.")
         task = _response_task(session, found, str(service.store.folder.files.resolve()))
-    folder = results.find(f"responses{digest(task.stated)[:32]}", task)
+    folder = results.find(digest(task.stated)[:32], task)
     if folder is None:
         return not_yet("the FRF is being computed from the raw files.")
     chosen = result.cells[cell]

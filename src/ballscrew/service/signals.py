@@ -22,7 +22,7 @@ from ballscrew.recording.load import read_recording
 from ballscrew.recording.quantities import INPUTS
 from ballscrew.recording.recording import Recording
 from ballscrew.service.access import AdminCaller, RunningService
-from ballscrew.service.on_demand import Results, not_yet
+from ballscrew.service.on_demand import Signals, not_yet
 from ballscrew.service.serving import RefusedError
 from ballscrew.service.stored_runs import RAW_GONE, StoredRun, locate_run, recordings_of, stated_of
 from ballscrew.store.raw_files import materialised, text_files
@@ -94,7 +94,7 @@ def show_signals(
     run: str,
     caller: AdminCaller,  # noqa: ARG001
     service: RunningService,
-    results: Results,
+    results: Signals,
     file: Place = 0,
     channel: str | None = None,
     begin: Annotated[Seconds, Query(alias="from")] = None,
@@ -111,7 +111,7 @@ def show_signals(
         found = locate_run(session, run)
         task = _signal_task(session, found, file, str(service.store.folder.files.resolve()))
     key = digest([*task.file[1:2], task.channels])[:32]
-    folder = results.find(f"signals{key}", task)
+    folder = results.find(key, task)
     if folder is None:
         return not_yet("the file is being read.")
     try:

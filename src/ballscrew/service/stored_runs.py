@@ -192,6 +192,14 @@ def stated_of(session: Session, found: StoredRun) -> tuple[dict[str, Any], dict[
     return stated, document_texts(session, stated)
 
 
+def has_raw_files(session: Session, found: StoredRun, *, whole: bool = False) -> bool:
+    """Whether the store can read a recording of a run, or all of them."""
+    stored = [recording.compression is not None for recording in recordings_of(session, found)]
+    if not stored or stated_of(session, found) is None:
+        return False
+    return all(stored) if whole else any(stored)
+
+
 def source_of(session: Session, row: RunRow) -> Source | None:
     """RUN.toml of a run; of a corrected one, that of the run as it was."""
     versions: Sequence[int] = [row.id]

@@ -67,8 +67,9 @@ def test_changes_are_since_the_run_that_is_asked_for(filled: TestClient) -> None
 
 def test_a_run_without_raw_files_says_so_and_shows_no_frf(filled: TestClient) -> None:
     text = page(filled, f"/runs/{RUNS[2].id}")
-    assert text.count("Raw data not kept") == 2
-    assert 'data-chart="response"' not in text
+    assert text.count("Raw data not kept") == 3
+    assert "signals?cell" not in text
+    assert "data-later" not in text
     assert f"ballscrew store show &#39;{RUNS[2].id}&#39;" in text
     assert "Raw data not kept" in page(filled, f"/runs/{RUNS[2].id}/signals")
 

@@ -15,7 +15,7 @@ from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.comparing import cells_document
 from ballscrew.service.pages.rendering import render
 from ballscrew.service.serving import RefusedError
-from ballscrew.service.stored_runs import StoredRun, locate_run
+from ballscrew.service.stored_runs import StoredRun, has_raw_files, locate_run
 from ballscrew.store.reading import current_rows
 from ballscrew.store.tables import Axis
 
@@ -56,6 +56,7 @@ def show_comparison(
 ) -> HTMLResponse:
     """Two runs by their ids, or two axes by their names, side by side; without both, forms to choose them."""
     cells, sentence, status = None, None, 200
+    has_raw = False
     sides = [Side(a), Side(b)]
     with service.store.read() as session:
         axes = session.scalars(select(Axis.name).order_by(Axis.name)).all()
@@ -64,13 +65,15 @@ def show_comparison(
             first, second = (side.run for side in sides)
             if first is not None and second is not None:
                 cells = cells_document(session, first, second.id)
+                has_raw = has_raw_files(session, first)
             elif (first is None) != (second is None) and a and b:
                 sentence = "choose two runs, or two axes."
         except RefusedError as error:
             sentence, status = str(error), error.status
     return render(
-        request, "compare.html", status, axes=axes, a=sides[0], b=sides[1], cells=cells, sentence=sentence
-    )
+        request, "compare.html", status, axes=axes, a=sides[0], b=sides[1], cells=cells, sentence=sentence,
+        has_raw=has_raw,
+    )  # fmt: skip
 
 
 def _find_side(session: Session, text: str) -> Side:

@@ -19,6 +19,7 @@ from ballscrew.service.pages.rendering import render
 from ballscrew.service.serving import RefusedError
 from ballscrew.service.stored_runs import (
     StoredRun,
+    has_raw_files,
     locate_run,
     neighbours,
     recordings_of,
@@ -111,8 +112,6 @@ def _context(session: Session, found: StoredRun, cells: dict[str, Any]) -> dict[
     exclusions = select(Exclusion).where(Exclusion.run_id.in_(versions)).order_by(Exclusion.id)
     corrections = select(Correction).where(Correction.subject.in_(names)).order_by(Correction.id)
     provenance = run_document(session, row, axis)
-    stored = [file["stored"] for file in provenance["recordings"]]
-    has_map = stated_of(session, found) is not None
     return {
         "found": found,
         "result": result_document(session, axis, row),
@@ -123,8 +122,8 @@ def _context(session: Session, found: StoredRun, cells: dict[str, Any]) -> dict[
         "counts": any(each.id == row.id for each in current_rows(session, axis)),
         "exclusions": session.scalars(exclusions).all(),
         "corrections": session.scalars(corrections).all(),
-        "has_raw": has_map and any(stored),
-        "has_all_raw": has_map and bool(stored) and all(stored),
+        "has_raw": has_raw_files(session, found),
+        "has_all_raw": has_raw_files(session, found, whole=True),
     }
 
 

@@ -68,7 +68,7 @@
     const gaps = places.slice(1).map((x, n) => x - places[n]);
     const pitch = gaps.length ? Math.min(...gaps) : 10;
     return cells.map((cell) => ({
-      x: 1000 * cell.position_m + 0.13 * pitch * (conditions.indexOf(cell.condition) - 1.5),
+      x: 1000 * cell.position_m + 0.07 * pitch * (conditions.indexOf(cell.condition) - 1.5),
       y: cell[value], half: 1.96 * (cell[uncertainty] ?? 0), condition: cell.condition, verdict: cell.verdict,
     })).sort((a, b) => a.x - b.x);
   }
@@ -78,7 +78,7 @@
     const ratio = devicePixelRatio;
     ctx.save();
     ctx.lineWidth = 1.4 * ratio;
-    ctx.globalAlpha = pale ? 0.4 : 1;
+    ctx.globalAlpha = pale ? (dark.matches ? 0.6 : 0.4) : 1;
     for (const point of listed) {
       const x = chart.valToPos(point.x, "x", true);
       ctx.strokeStyle = ctx.fillStyle = colours[point.condition];
@@ -160,11 +160,11 @@
     return [Math.max(first, data.band_Hz[0] - 0.75 * width), Math.min(last, data.band_Hz[1] + 0.75 * width)];
   }
 
-  ballscrew.charts.response = async (place, first) => {
+  async function drawResponse(place) {
     const words = wordsOf(place);
-    let data = first;
+    let data;
     try {
-      if (data.detail) data = await fetched(place.dataset.source, (text) => message(place, text));
+      data = await fetched(place.dataset.source, (text) => message(place, text));
     } catch (error) {
       return message(place, error.message);
     }
@@ -195,7 +195,16 @@
     const sensor = (name, n) => ({ label: name || `${n + 1}`, stroke: sensors[n % sensors.length], width: 1.4, value: shown, points: { show: false } });
     panel(170, words.phase, { range: () => [-190, 190] }, data.responses.map(sensor), data.phase_deg, { splits: [-180, -90, 0, 90, 180] });
     panel(150, words.coherence, { range: () => [0, 1.05] }, data.responses.map(sensor), data.coherence, { splits: [0, 0.5, 1] });
-  };
+  }
+
+  // It is computed once somebody looks at it.
+  const watch = new IntersectionObserver((entries) => {
+    for (const entry of entries) {
+      if (!entry.isIntersecting) continue;
+      watch.unobserve(entry.target);
+      drawResponse(entry.target);
+    }
+  });
 
   // --- raw signals -------------------------------------------------------------------------------------------
 
@@ -333,7 +342,7 @@
     }
 
     announce(text) {
-      document.querySelector("[data-span]").textContent = text;
+      document.querySelector("[data-shown]").textContent = text;
     }
   }
 
@@ -371,7 +380,11 @@
 
   // --- the rest of the page ----------------------------------------------------------------------------------
 
+  const observe = (root) => root.querySelectorAll("[data-later]").forEach((place) => watch.observe(place));
+
   document.addEventListener("DOMContentLoaded", () => {
+    observe(document);
+    document.body.addEventListener("htmx:afterSwap", (event) => observe(event.target));
     for (const button of document.querySelectorAll("[data-copy]")) {
       button.addEventListener("click", async () => {
         await navigator.clipboard.writeText(document.getElementById(button.dataset.copy).textContent);
