@@ -191,3 +191,30 @@ def test_rows_have_the_time_of_the_history_in_its_block_only() -> None:
     with at_time(PRESENT):
         assert now() == "2026-05-01T12:00:00.000+00:00"
     assert now() > "2026-05-02"
+
+
+@pytest.mark.slow
+def test_the_whole_plant_is_as_its_story(tmp_path: Path) -> None:
+    demo.make_plant(tmp_path / "plant")
+    service = Service(ServedStore(tmp_path / "plant"), ServerSettings(min_free_bytes=0))
+    with client_of(service) as client:
+        axes = {axis["axis"]: axis for axis in client.get("/api/v1/axes").json()["axes"]}
+        alarms = {each["axis"]: each for each in client.get("/api/v1/alarms").json()["alarms"]}
+        jobs = client.get("/api/v1/jobs").json()["jobs"]
+        bearing = client.get("/api/v1/axes/lathe 2 X").json()
+        loose = client.get("/api/v1/axes/mill 7 Z").json()["runs"]
+    states = {name: axis["state"] for name, axis in axes.items()}
+    troubled = {"mill 4 X": "alarm", "mill 4 Z": "watch", "lathe 2 X": "alarm", "gantry 3 X": "learning"}
+    assert states == dict.fromkeys(states, "normal") | troubled | {"gantry 3 Y": "not assessed"}
+    assert axes["gantry 3 Y"]["missing"] == ["model", "run with a time"]
+    assert {name: (each["kind"], each["state"]) for name, each in alarms.items()} == {
+        "mill 4 X": ("axis", "raised"),
+        "mill 7 X": ("axis", "closed"),
+        "mill 7 Z": ("measurement", "raised"),
+        "lathe 2 X": ("axis", "acknowledged"),
+        "grinder 1 X": ("silence", "raised"),
+    }
+    assert axes["mill 4 X"]["stiffness"][2] < 0.95
+    assert bearing["stiffness"][2] < 0.9 < bearing["runs"][-1]["nut"][0]
+    assert {run["state"] for run in loose[-6:]} == {"suspect"}
+    assert len(jobs) == 3 * len(axes) - 11  # each axis with a model has its first recording analysed

@@ -238,13 +238,13 @@ _HANGING = Instruments(pitch_frequency=1.0, pitch_damping=0.3, pitch=(0.0, 1.0))
 PLANT = (
     PlantAxis("mill 4 X", "mill 4", "hall 1", _MILL, 20.0, worn=(96.0, 45.0), raised=98),
     PlantAxis("mill 4 Y", "mill 4", "hall 1", _MILL, 19.0),
-    PlantAxis("mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(101.0, 250.0)),
+    PlantAxis("mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(101.0, 210.0), recorded=(52, 78)),
     PlantAxis(
-        "mill 7 X", "mill 7", "hall 1", _MILL, 44.0, worn=(40.0, 60.0), replaced=54, raised=51,
+        "mill 7 X", "mill 7", "hall 1", _MILL, 44.0, worn=(40.0, 30.0), replaced=46, raised=42,
         story=(
-            (51.3, "acknowledge", "A nut is ordered."),
-            (54.5, "nut replaced", "New nut with new balls."),
-            (55.6, "close", "The old nut had lost a third of its preload; its balls were worn."),
+            (42.3, "acknowledge", "A nut is ordered."),
+            (46.5, "nut replaced", "New nut with new balls."),
+            (47.6, "close", "The old nut had lost a quarter of its preload; its balls were worn."),
         ),
     ),
     PlantAxis("mill 7 Y", "mill 7", "hall 1", _MILL, 43.0, swing=7.0),

@@ -168,14 +168,14 @@ def imitate_run(template: Run, then: TrueState, state: TrueState, random: np.ran
     """
     stops = sorted({cell.position_m for cell in template.cells})
     free = dict(zip(stops, np.log(state.free / then.free).tolist(), strict=True))
-    held = dict(zip(stops, np.log(state.rotor_held / then.rotor_held).tolist(), strict=True))
+    rotor_held = dict(zip(stops, np.log(state.rotor_held / then.rotor_held).tolist(), strict=True))
     errors = _errors(template, random)
     cells = []
     for cell, error in zip(template.cells, errors.tolist(), strict=True):
         ratio = math.exp(free[cell.position_m])
-        held_ratio = math.exp(held[cell.position_m])
+        rotor_held_ratio = math.exp(rotor_held[cell.position_m])
         shift = _TRUE * (cell.deviation_standard_uncertainty_Hz or 0.0) * random.standard_normal()
-        cells.append(_moved(cell, ratio, held_ratio, error, shift, then.preload / state.preload))
+        cells.append(_moved(cell, ratio, rotor_held_ratio, error, shift, then.preload / state.preload))
     shared = []
     for term in template.shared_errors:
         effects = []
@@ -207,15 +207,15 @@ def _errors(template: Run, random: np.random.Generator) -> Array:
 
 
 def _moved(
-    cell: CellResult, ratio: float, held_ratio: float, error: float, shift: float, softer: float
+    cell: CellResult, ratio: float, rotor_held_ratio: float, error: float, shift: float, softer: float
 ) -> CellResult:
     """Cell at another frequency."""
     if cell.frequency_Hz is None or cell.standard_uncertainty_Hz is None:
         return cell
-    held, held_uncertainty = cell.rotor_held_frequency_Hz, cell.rotor_held_standard_uncertainty_Hz
+    rotor_held, uncertainty = cell.rotor_held_frequency_Hz, cell.rotor_held_standard_uncertainty_Hz
     deviation, load = cell.deviation_Hz, cell.nut_load_over_preload
-    if held is not None and held_uncertainty is not None:
-        held, held_uncertainty = held * held_ratio * (1 + error), held_uncertainty * held_ratio
+    if rotor_held is not None and uncertainty is not None:
+        rotor_held, uncertainty = rotor_held * rotor_held_ratio * (1 + error), uncertainty * rotor_held_ratio
     if deviation is not None:
         deviation = deviation * ratio + shift
     if load is not None:
@@ -226,8 +226,8 @@ def _moved(
         frequency_Hz=cell.frequency_Hz * ratio * (1 + error),
         standard_uncertainty_Hz=cell.standard_uncertainty_Hz * ratio,
         uncertainty_terms_Hz=terms,
-        rotor_held_frequency_Hz=held,
-        rotor_held_standard_uncertainty_Hz=held_uncertainty,
+        rotor_held_frequency_Hz=rotor_held,
+        rotor_held_standard_uncertainty_Hz=uncertainty,
         deviation_Hz=deviation,
         nut_load_over_preload=load,
     )

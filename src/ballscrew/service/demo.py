@@ -6,7 +6,7 @@ import multiprocessing
 import signal
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -14,12 +14,11 @@ from functools import partial
 from pathlib import Path
 
 from sqlalchemy import select
-from sqlalchemy.orm import Session
 
 from ballscrew.axis.sheet_file import axis_toml
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress
-from ballscrew.base.provenance import digest, hash_file
+from ballscrew.base.provenance import hash_file
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.fcft.planfile import plan_toml
 from ballscrew.modal.run import Run
@@ -28,7 +27,7 @@ from ballscrew.reproduction.plant_runs import AxisHistory, make_history
 from ballscrew.service.access import Caller
 from ballscrew.service.alarms import Action, act, watch_for_silence
 from ballscrew.service.axes import AxisSetup, NewEvent, Schedule, add_axis_events, add_axis_model, set_up_axis
-from ballscrew.service.jobs import ANALYSE, ASSESS, Lease, request_assessment
+from ballscrew.service.jobs import ANALYSE, ASSESS, Lease
 from ballscrew.service.runs import QUEUED, Completion, SentFile, complete_run, store_result
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import read_settings
@@ -146,40 +145,33 @@ def make_plant(
     ):
         service = Service(ServedStore(folder), read_settings(folder, None, {}))
         service.partial.mkdir()
-        histories = _make_histories(pool, axes, present, seed, Path(recordings), progress)
-        plant = _Plant(service, pool, histories, present)
-        progress(len(axes), len(axes), "storing their tests")
-        plant.replay()
-        progress(len(axes), len(axes), "assessing them")
-        plant.assess([history.axis for history in histories])
-        plant.send_others()
+        plant = _Plant(service, present)
+        histories, assessments = [], []
+        for history in _make_histories(pool, axes, present, seed, Path(recordings)):
+            plant.replay(history)
+            histories.append(history)
+            if history.axis.calibrated:
+                lease, task = plant.lease_assessment(history.axis)
+                assessments.append((lease, pool.submit(do_task, task)))
+            progress(len(histories), len(axes), history.axis.name)
+        for lease, future in assessments:
+            progress(len(axes), len(axes), f"assessing {lease.argument}")
+            finish(service, lease, *future.result())
+        plant.send_others(histories)
         for writing in (False, True):
             service.store.engine(writing=writing).dispose()
     data.create(None, simulated=True)
 
 
 def _make_histories(
-    pool: ProcessPoolExecutor,
-    axes: Sequence[PlantAxis],
-    present: datetime,
-    seed: int,
-    folder: Path,
-    progress: Progress,
-) -> list[AxisHistory]:
-    """Histories of the axes, in their order."""
-    progress(0, len(axes), "simulating their tests")
-    futures: dict[Future[AxisHistory], PlantAxis] = {}
+    pool: ProcessPoolExecutor, axes: Sequence[PlantAxis], present: datetime, seed: int, folder: Path
+) -> Iterator[AxisHistory]:
+    """Histories of the axes, as they come."""
     # Those with the most analyses first, so that both processes end together.
-    for axis in sorted(axes, key=lambda axis: -axis.effort):
-        futures[pool.submit(make_history, axis, present, seed, folder / axis.name)] = axis
-    found: dict[str, AxisHistory] = {}
-    waiting = set(futures)
-    while waiting:
-        done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-        for future in done:
-            found[futures[future].name] = future.result()
-            progress(len(found), len(axes), futures[future].name)
-    return [found[axis.name] for axis in axes]
+    ordered = sorted(axes, key=lambda axis: -axis.effort)
+    futures = [pool.submit(make_history, axis, present, seed, folder / axis.name) for axis in ordered]
+    for future in as_completed(futures):
+        yield future.result()
 
 
 @contextmanager
@@ -202,23 +194,20 @@ class _Plant:
     """The plant as it sends its tests, and the people who read the results."""
 
     service: Service
-    pool: ProcessPoolExecutor
-    histories: list[AxisHistory]
     present: datetime
 
-    def replay(self) -> None:
-        """Do what happened, in the order of time."""
-        deeds: list[Deed] = []
-        for history in self.histories:
-            deeds += self._deeds(history)
-        runs = self._imitated()
-        for at, deed in sorted(deeds, key=lambda each: each[0]):
-            while runs and runs[0][0] < at:
-                runs = self._add_runs(runs, at)
+    def replay(self, history: AxisHistory) -> None:
+        """Do what happened to an axis, in the order of time."""
+        runs = []
+        for week, run in history.runs.items():
+            if week not in history.recordings:
+                runs.append((self._received_at(history.axis, week), week, run))
+        for at, deed in sorted(self._deeds(history), key=lambda each: each[0]):
+            self._add_runs(history.axis, [each for each in runs if each[0] < at])
+            runs = [each for each in runs if each[0] >= at]
             with at_time(at):
                 deed()
-        while runs:
-            runs = self._add_runs(runs, self.present)
+        self._add_runs(history.axis, runs)
 
     def _deeds(self, history: AxisHistory) -> list[Deed]:
         """What happened to an axis, without its imitated tests."""
@@ -235,7 +224,7 @@ class _Plant:
             deeds.append((at, partial(add_axis_model, axis.name, model_json(model), _CALLER, self.service)))
         if axis.raised is not None:
             at = self._received_at(axis, axis.raised) + timedelta(seconds=10)
-            deeds.append((at, partial(self.assess, [axis])))
+            deeds.append((at, partial(self._assess, axis)))
         for weeks, kind, text in axis.story:
             at = axis.measured_at(0, self.present) + timedelta(weeks=weeks)
             deeds.append((at, partial(self._act, axis, kind, text, at)))
@@ -285,78 +274,55 @@ class _Plant:
         complete_run(axis.name, f"week {week}", body, _CALLER, self.service)
         if run is not None:
             with self.service.store.read() as session:
-                content = session.scalars(select(Upload.content).order_by(Upload.id.desc()).limit(1)).one()
+                newest = select(Upload.content).order_by(Upload.id.desc()).limit(1)
+                content = str(session.scalar(newest))
             finish(self.service, self._lease(ANALYSE, content), "done", (run.to_json(), readers))
 
-    def send_others(self) -> None:
+    def send_others(self, histories: Sequence[AxisHistory]) -> None:
         """Send the recordings that are not analysed, the oldest first."""
         others = []
-        for history in self.histories:
+        for history in histories:
             for week, path in history.recordings.items():
                 if week not in history.runs:
-                    others.append((week, history.axis, path))
-        for week, axis, path in sorted(others, key=lambda each: each[0]):
+                    others.append((week, history.axis.name, history.axis, path))
+        for week, _, axis, path in sorted(others, key=lambda each: each[:2]):
             self._send(axis, week, path)
 
-    def _imitated(self) -> list[tuple[datetime, PlantAxis, int, Run]]:
-        """Imitated tests by their times."""
-        found = []
-        for history in self.histories:
-            for week, run in history.runs.items():
-                if week not in history.recordings:
-                    found.append((self._received_at(history.axis, week), history.axis, week, run))
-        return sorted(found, key=lambda each: each[0])
-
-    def _add_runs(
-        self, runs: list[tuple[datetime, PlantAxis, int, Run]], until: datetime
-    ) -> list[tuple[datetime, PlantAxis, int, Run]]:
-        """Add imitated tests before a time in one transaction; the others."""
-        count = 0
+    def _add_runs(self, axis: PlantAxis, runs: Sequence[tuple[datetime, int, Run]]) -> None:
+        """Add imitated tests, as those that were analysed at the machine, in one transaction."""
+        if not runs:
+            return
         with self.service.store.write("serve --demo") as session:
-            for at, axis, week, run in runs:
-                if at >= until:
-                    break
+            row = find_axis(session, axis.name)
+            for at, week, run in runs:
                 with at_time(at):
-                    _add_run(session, axis, week, run)
-                count += 1
-        return runs[count:]
+                    upload = Upload(
+                        axis_id=row.id,
+                        key=f"week {week}",
+                        sent=run.id,
+                        content=run.id,
+                        status=QUEUED,
+                        stated={},
+                        files=[],
+                        sender=_CALLER.name,
+                        received_at=now(),
+                    )
+                    session.add(upload)
+                    store_result(session, row, [upload], run)
 
     def _lease(self, kind: str, argument: str) -> Lease:
         """Lease a certain job."""
         with self.service.store.write("lease") as session:
             found = select(JobRow).where(JobRow.kind == kind, JobRow.argument == argument)
-            row = session.scalars(found).one()
+            row = session.scalars(found).all()[0]
             row.lease = "demo"
             return Lease(row.id, row.lease, kind, argument)
 
-    def assess(self, axes: Sequence[PlantAxis]) -> None:
-        """Assess axes, in both processes."""
-        futures = []
-        for axis in axes:
-            if axis.calibrated:
-                with self.service.store.write("assess") as session:
-                    request_assessment(session, find_axis(session, axis.name))
-                task = AssessmentTask(str(self.service.store.path), axis.name)
-                lease = self._lease(ASSESS, axis.name)
-                futures.append((lease, self.pool.submit(do_task, task)))
-        for lease, future in futures:
-            finish(self.service, lease, *future.result())
+    def lease_assessment(self, axis: PlantAxis) -> tuple[Lease, AssessmentTask]:
+        """Lease the job that assesses an axis."""
+        return self._lease(ASSESS, axis.name), AssessmentTask(str(self.service.store.path), axis.name)
 
-
-def _add_run(session: Session, axis: PlantAxis, week: int, run: Run) -> None:
-    """Add an imitated test as one that was analysed at the machine."""
-    row = find_axis(session, axis.name)
-    content = digest(run.to_json())
-    upload = Upload(
-        axis_id=row.id,
-        key=f"week {week}",
-        sent=content,
-        content=content,
-        status=QUEUED,
-        stated={},
-        files=[],
-        sender=_CALLER.name,
-        received_at=now(),
-    )
-    session.add(upload)
-    store_result(session, row, [upload], run)
+    def _assess(self, axis: PlantAxis) -> None:
+        """Assess an axis in this process."""
+        lease, task = self.lease_assessment(axis)
+        finish(self.service, lease, *do_task(task))

@@ -107,7 +107,8 @@ def insert_run(session: Session, run: Run, revision: int) -> Added:
     check_key("the name of the axis", str(run.axis))
     run = Run.from_json(run.to_json(), run.name)  # nine digits, as RUN.json has them
     row = session.scalar(select(RunRow).where(RunRow.run == run.id))
-    content = pack(run.to_json())
+    document = run.to_json()
+    content = pack(document)
     notes: tuple[str, ...] = ()
     if row is None:
         notes = _notes(session, run)
@@ -120,7 +121,7 @@ def insert_run(session: Session, run: Run, revision: int) -> Added:
         select(ResultRow).where(ResultRow.run_id == row.id, ResultRow.method_id == method.id)
     )
     if known is not None:
-        if _agree(_content(unpack(known.document)), _content(run.to_json())):
+        if _agree(_content(unpack(known.document)), _content(document)):
             return Added("run", run.id, axis.name, is_new=False)
         return _conflict(session, run, content)
     result = ResultRow(
@@ -136,7 +137,7 @@ def insert_run(session: Session, run: Run, revision: int) -> Added:
     session.flush()
     session.add_all(cell_rows(run, result.id))
     axis.changed_at = now()
-    record(session, "add", f"run {run.id}", axis=axis.name, result=digest(run.to_json()))
+    record(session, "add", f"run {run.id}", axis=axis.name, result=digest(document))
     return Added("run", run.id, axis.name, is_new=True, notes=notes)
 
 
