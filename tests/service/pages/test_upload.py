@@ -1,0 +1,81 @@
+"""Forms in Chromium: an upload, a form that is sent without htmx, and one that is refused with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Browser, expect
+from tests.service.conftest import FILES, SETUP, NewService, client_of, work_off
+from tests.service.pages.browser import HOSTILE, Window, serving
+
+from ballscrew.service.serving import Service
+from ballscrew.store.tables import Upload
+
+
+@pytest.fixture
+def plant(new_service: NewService) -> Service:
+    """A service with an axis that is set up."""
+    service = new_service()
+    with client_of(service) as client:
+        assert client.put("/api/v1/axes/bench", json=SETUP).status_code == 200
+    return service
+
+
+@pytest.fixture
+def window(browser: Browser, plant: Service) -> Iterator[Window]:
+    """A window of that service, which must have no problem at the end of the test."""
+    with serving(plant) as address:
+        found = Window(browser, address, timezone_id="Europe/Berlin")
+        yield found
+        found.close()
+    assert found.problems == []
+
+
+def test_a_run_is_uploaded_and_its_verdict_appears(window: Window, plant: Service) -> None:
+    page = window.open("/axes/bench/actions")
+    send_button = page.get_by_role("button", name="Send")
+    problem = page.locator("[data-problem]")
+    send_button.click()
+    expect(problem).to_have_text("Choose one file or more.")
+    files = [
+        {"name": name, "mimeType": "application/octet-stream", "buffer": content}
+        for name, content in FILES.items()
+    ]
+    page.set_input_files("input[name=files]", files)  # type: ignore[arg-type]  as its documentation states
+    send_button.click()
+    expect(problem).to_have_text("Load must be a number of kilograms.")
+    page.fill("input[name=load]", "100,5")
+    page.fill("input[name=measured_at]", "2026-01-20T10:00:00")
+    send_button.click()
+    expect(page.locator("[data-result]")).to_contain_text("waits for its analysis")
+    with plant.store.read() as session:
+        (row,) = session.query(Upload).all()
+        assert (row.stated["mass_kg"], row.stated["measured_at"]) == (100.5, "2026-01-20T09:00:00+00:00")
+    work_off(plant, lambda _: ("refused", f"a.h5: {HOSTILE}."))
+    expect(problem).to_have_text(f"The run cannot be analysed: a.h5: {HOSTILE}.")
+    send_button.click()
+    expect(page.locator("[data-files]")).to_contain_text("already stored")
+
+
+def test_a_form_is_sent_without_htmx(window: Window) -> None:
+    page = window.open("/axes/bench/setup")
+    page.fill("input[name=site]", HOSTILE)
+    page.get_by_role("button", name="Save").click()
+    expect(page.locator(".message.done")).to_be_visible()
+    expect(page.locator("input[name=site]")).to_have_value(HOSTILE)
+
+
+def test_a_form_that_is_refused_shows_its_sentence_and_what_was_entered(window: Window) -> None:
+    window.expected = {422}
+    page = window.open("/axes/bench/actions")
+    page.locator("#event input[name=at]").fill("2026-01-20T10:00")
+    page.locator("#event input[name=text]").fill(HOSTILE)
+    page.locator("#event").get_by_role("button", name="Preview").click()
+    expect(page.locator("#event .message")).to_contain_text("no model")
+    expect(page.locator("#event .message")).to_be_focused()
+    expect(page.locator("#event input[name=text]")).to_have_value(HOSTILE)
+    expect(page.locator("#event input[name=offset]")).to_have_value("+01:00")
+    page.locator("#event").get_by_role("button", name="Add the event").click()
+    expect(page.locator("#event .message.done")).to_be_visible()
+    expect(page.locator("#event input[name=text]")).to_have_value("")
