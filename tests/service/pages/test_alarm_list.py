@@ -23,7 +23,7 @@ def trouble(client: TestClient, service: Service) -> str:
 def test_alarms_come_before_troubles_and_are_acted_on(client: TestClient, service: Service) -> None:
     fill_axis(client, service)
     with service.store.write("test") as session:
-        report_bad_measurement(session, find_axis(session, "bench"), "2026-01-02T08:00Z", [HOSTILE])
+        report_bad_measurement(session, find_axis(session, "bench"), "2026-03-02T08:00Z", [HOSTILE])
     page = get(client, "/alarms")
     assert "Standing (2)" in page
     assert page.index("loss of preload</span>") < page.index("bad measurement</span>")
