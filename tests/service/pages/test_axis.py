@@ -26,7 +26,7 @@ from ballscrew.store.fleet import simulate_fleet
 from ballscrew.store.opened import create_store
 from ballscrew.store.tables import CellRow
 
-HOSTILE = """<script>alert("x")</script> a/b 'ä' &amp; {{ 7 * 7 }}"""
+HOSTILE = """<script>alert("x") <img src=x onerror=y> 'ä' ?a=b#c% &amp; {{ 7 * 7 }}"""
 
 
 @pytest.fixture(scope="module")

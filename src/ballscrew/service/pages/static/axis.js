@@ -273,6 +273,7 @@
     const ends = [];
     for (const mark of marks()) {
       const left = x(mark.at);
+      if (left < plot.bbox.left || left > plot.bbox.left + plot.bbox.width) continue;
       ctx.strokeStyle = mark.alarm ? palette.alarm : palette.soft;
       ctx.setLineDash(mark.alarm && !mark.over ? [] : [3 * ratio(), 3 * ratio()]);
       ctx.lineWidth = (mark.alarm ? 1.6 : 1) * ratio();
@@ -430,7 +431,7 @@
     const [ramp, odds] = [clip(trend.runs.ramp), clip(trend.runs.odds)];
     update(place("evidence"), run, [time, ramp, odds], {
       scale: { distr: 4, asinh: 1, range: () => [0, 1.15 * Math.min(HIGHEST, Math.max(3, most(finite([...trend.runs.ramp, ...trend.runs.odds]))))] },
-      axis: { splits: () => [0, 1, 3, 10, 30, 100], filter: (plot, splits) => splits.map((each) => (each <= plot.scales.y.max ? each : null)), values: (plot, splits) => splits.map((each) => each ?? "") },
+      axis: { splits: (plot, axis, low, high) => [0, 1, 3, 10, 30, 100].filter((each) => each <= high), filter: (plot, splits) => splits, values: (plot, splits) => splits.map(String) },
       series: [
         { stroke, width: 1.4, gaps: betweenEpochs, points: points(stroke) },
         { stroke, width: 1.2, gaps: betweenEpochs, dash: [5, 4], points: { ...points(stroke), size: 3 } },
@@ -562,7 +563,9 @@
   function drawFrequencies(root, document_) {
     readPalette();
     const place = root.querySelector("[data-plot=frequencies]");
-    const choice = () => root.querySelector("input[name=frequency]:checked").value;
+    const choice = () => root.querySelector("input[name=frequency]:checked")?.value ?? "relative";
+    // The copy of the page that brought a change has unchecked the choice of this one.
+    if (place.map) root.querySelector(`input[value=${place.map.kind}]`).checked = true;
     root.hidden = !document_.position_m.length;
     if (root.hidden) return;
     const map = Object.assign(place.map ?? {}, document_, { kind: choice() });
