@@ -119,7 +119,7 @@ def locate_run(
 
 
 def _names(
-    session: Session, text: str, of_axes: Select[tuple[int]], *, of_contents: bool, whole: bool
+    session: Session, text: str, of_axes: Select[int], *, of_contents: bool, whole: bool
 ) -> list[str]:
     """Ids of runs, and where asked for of contents without a result, that are a text or begin with it."""
     found = select(RunRow.run).where(_matches(RunRow.run, text, whole=whole), RunRow.axis_id.in_(of_axes))
