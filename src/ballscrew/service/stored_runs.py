@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import ColumnElement, or_, select
+from sqlalchemy import ColumnElement, Select, or_, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from ballscrew.base.errors import shown
@@ -105,26 +105,34 @@ def locate_run(
         of_axes = of_axes.where(Axis.id == axis.id)
     if machine is not None:
         of_axes = of_axes.where(Axis.machine_id == machine)
-    found = select(RunRow.run).where(_begins(RunRow.run, text), RunRow.axis_id.in_(of_axes))
-    names = dict.fromkeys(session.scalars(found.order_by(RunRow.id).limit(_MOST)))
-    if axis is None:
-        sent = select(Upload.run, Upload.content).where(_begins(Upload.content, text))
-        sent = sent.where(Upload.axis_id.in_(of_axes)).order_by(Upload.id).limit(_MOST)
-        names |= dict.fromkeys(run or content for run, content in session.execute(sent))
-    if text in names:
-        names = {text: None}
+    names = _names(session, text, of_axes, of_contents=axis is None, whole=True)
+    if not names and len(text) >= _SHORTEST:  # slower: no index finds a beginning
+        names = _names(session, text, of_axes, of_contents=axis is None, whole=False)
     if not names:
         raise RefusedError(
             404, f"there is no run {shown(text)}; an id may be its first {_SHORTEST} characters or more."
         )
     if len(names) > 1:
         sentence = f"several runs have an id that begins with {shown(text)}; give more of it."
-        raise RefusedError(AMBIGUOUS, sentence, document={"runs": list(names)})
-    return _stored_run(session, next(iter(names)))
+        raise RefusedError(AMBIGUOUS, sentence, document={"runs": names})
+    return _stored_run(session, names[0])
 
 
-def _begins(column: InstrumentedAttribute[str], text: str) -> ColumnElement[bool]:
-    if len(text) < _SHORTEST:
+def _names(
+    session: Session, text: str, of_axes: Select[int], *, of_contents: bool, whole: bool
+) -> list[str]:
+    """Ids of runs, and where asked for of contents without a result, that are a text or begin with it."""
+    found = select(RunRow.run).where(_matches(RunRow.run, text, whole=whole), RunRow.axis_id.in_(of_axes))
+    names = dict.fromkeys(session.scalars(found.order_by(RunRow.id).limit(_MOST)))
+    if of_contents:
+        sent = select(Upload.run, Upload.content).where(_matches(Upload.content, text, whole=whole))
+        sent = sent.where(Upload.axis_id.in_(of_axes)).order_by(Upload.id).limit(_MOST)
+        names |= dict.fromkeys(run or content for run, content in session.execute(sent))
+    return list(names)
+
+
+def _matches(column: InstrumentedAttribute[str], text: str, *, whole: bool) -> ColumnElement[bool]:
+    if whole:
         return column == text
     return column.startswith(text, autoescape=True)
 
