@@ -1,4 +1,4 @@
-"""The same number on a page, from the API and from the command line, which prints nine digits of it."""
+"""The same number on a page, from the API, in the report, and from the command line: nine digits of it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import random
 import re
 from collections.abc import Iterator
 from html import unescape
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -16,6 +17,7 @@ from tests.service.conftest import client_of
 from tests.service.pages.browser import serving
 
 from ballscrew.base.jsonfile import plain
+from ballscrew.base.words import interval_words, life_words, value_words
 from ballscrew.cli.shell import run
 from ballscrew.service.pages.rendering import format_number, format_percent
 from ballscrew.service.serving import ServedStore, Service
@@ -101,18 +103,33 @@ def test_page_api_and_command_line_have_the_same_numbers(
     assert count >= 200
 
 
-def test_a_stored_run_has_the_same_numbers_everywhere(
-    plant: Service, capsys: pytest.CaptureFixture[str]
+def test_a_stored_run_has_the_same_numbers_on_pages_from_the_api_the_command_line_and_in_the_report(
+    plant: Service, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     with client_of(plant) as client:
         name = client.get("/api/v1/axes").json()["axes"][0]["axis"]
         answer = client.get(f"/api/v1/axes/{name}").json()
+        trend = client.get(f"/api/v1/axes/{name}/trend").json()["runs"]["stiffness"]
         history = client.get(f"/api/v1/axes/{name}/history?format=csv").text.splitlines()
+        axis_page = client.get(f"/axes/{name}?runs=all&lang=en").text
+        last = answer["runs"][-1]["run"]
+        result = client.get(f"/api/v1/runs/{last}").json()["run"]
+        run_page = client.get(f"/runs/{last}?lang=en").text
+    store = str(plant.store.path)
     capsys.readouterr()
-    assert run(["store", "show", name, "--store", str(plant.store.path), "--json"]) == 0
+    assert run(["store", "show", name, "--store", store, "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     assert shown["runs"] == plain(answer["runs"])
+    assert run(["report", name, "--data", store, "--out", str(tmp_path / "axis.html")]) == 0
+    report = (tmp_path / "axis.html").read_text(encoding="utf-8")
     column = history[0].split(",").index("stiffness")
-    for line, each in zip(history[1:], answer["runs"], strict=True):
-        text = line.split(",")[column]
-        assert (float(text) if text else None) == (each["stiffness"] or [None])[0]
+    for line, each, ratio in zip(history[1:], answer["runs"], trend, strict=True):
+        stiffness = each["stiffness"]
+        assert (float(line.split(",")[column]) if stiffness else None) == (stiffness or [None])[0]
+        assert ratio == stiffness
+        assert format_percent(stiffness, "en") in axis_page
+        assert f">{value_words(stiffness)}<" in report
+        assert f">{interval_words(stiffness)}<" in report
+    assert life_words(answer["rul_days"]) in report
+    for cell in result["cells"]:
+        assert format_number(cell["frequency_Hz"], 2, "en") in run_page
