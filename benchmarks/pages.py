@@ -32,8 +32,9 @@ _LOADS = 9  # of a page in the browser
 _VIEWS = 1000
 
 _INTERACTIVE = """async () => {
-  const drawn = () => [...document.querySelectorAll("[data-chart]")].every((each) => each.childElementCount);
-  while (!drawn()) await new Promise((next) => setTimeout(next, 5));
+  const charts = [...document.querySelectorAll("[data-chart]")];
+  const complete = () => charts.every((each) => each.childElementCount);
+  while (!complete()) await new Promise((next) => setTimeout(next, 5));
   await new Promise((next) => requestAnimationFrame(() => setTimeout(next)));
   const [page] = performance.getEntriesByType("navigation");
   return [page.domContentLoadedEventEnd, performance.now()];
@@ -119,8 +120,8 @@ def measure_browser(url: str, pages: dict[str, str]) -> None:
                 page.goto(path)
                 found.append(page.evaluate(_INTERACTIVE))
                 context.close()
-            usable, drawn = np.median(found, axis=0)
-            print(f"{what}: content and controls after {usable:.0f} ms, charts drawn after {drawn:.0f} ms")
+            usable, charted = np.median(found, axis=0)
+            print(f"{what}: content and controls after {usable:.0f} ms, charts drawn after {charted:.0f} ms")
         browser.close()
 
 
