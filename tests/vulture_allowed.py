@@ -13,7 +13,6 @@ tempdir
 # a column that the sender of messages will write
 sent_at
 # pages in another language
-translated
 # typer registers these commands
 _main
 simulate_multi_level_mass

@@ -118,9 +118,7 @@ def locate_run(
     return _stored_run(session, names[0])
 
 
-def _names(
-    session: Session, text: str, of_axes: Select[int], *, of_contents: bool, whole: bool
-) -> list[str]:
+def _names(session: Session, text: str, of_axes: Select[int], *, of_contents: bool, whole: bool) -> list[str]:
     """Ids of runs, and where asked for of contents without a result, that are a text or begin with it."""
     found = select(RunRow.run).where(_matches(RunRow.run, text, whole=whole), RunRow.axis_id.in_(of_axes))
     names = dict.fromkeys(session.scalars(found.order_by(RunRow.id).limit(_MOST)))

@@ -19,6 +19,7 @@ from fastapi.responses import HTMLResponse, Response
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ballscrew._version import __version__
+from ballscrew.base.reasons import translated
 from ballscrew.monitoring.epochs import moment
 from ballscrew.report.canvas import STATE_SIGNS
 from ballscrew.service.serving import RefusedError, service_of
@@ -122,6 +123,7 @@ def environment_of(language: str) -> Environment:
         percent_of=lambda interval: format_percent(interval, language),
         moment=lambda text: format_moment(text, language),
         url=lambda text: quote(str(text), safe=""),
+        sentence=lambda text: translated(text, translations(language).gettext),
     )
     environment.globals.update(version=__version__, asset=asset_url, sign=sign_of, languages=LANGUAGES)
     return environment
