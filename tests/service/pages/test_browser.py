@@ -49,7 +49,11 @@ PAGES = {
 }
 """Addresses of each route that is a page; those of an axis also with hostile names."""
 
-DOWNLOADS = {"/axes/{axis}/gcode", "/axes/{axis}/calibration/model"}
+DOWNLOADS = {
+    "/axes/{axis}/gcode",
+    "/axes/{axis}/calibration/model",
+    "/axes/{axis:path}/report.{kind}",
+}
 ADDRESSES = [address for addresses in PAGES.values() for address in addresses]
 """Of each route the first is opened by every run of the tests, the others by those that are slow."""
 
