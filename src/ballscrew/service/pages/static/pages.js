@@ -5,6 +5,7 @@ const ballscrew = (() => {
   const language = document.documentElement.lang;
   const locale = navigator.languages.find((each) => each.startsWith(language)) ?? language;
   const clock = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: "short" });
+  const calendar = new Intl.DateTimeFormat(locale, { dateStyle: "medium" });
   const charts = {};
 
   // As the command line rounds: half of a step, exactly, to the even digit.
@@ -27,8 +28,9 @@ const ballscrew = (() => {
     for (const each of root.querySelectorAll("time[datetime]")) {
       const at = new Date(each.dateTime);
       if (!Number.isNaN(at.getTime())) {
-        each.title = each.title || each.textContent;
-        each.textContent = clock.format(at);
+        const isDay = each.classList.contains("day");
+        each.title = each.title || (isDay ? clock.format(at) : each.textContent);
+        each.textContent = (isDay ? calendar : clock).format(at);
       }
     }
   }
