@@ -79,10 +79,12 @@ def take(page: Page, path: str, target: Path, height: int) -> None:
     page.set_viewport_size({"width": WIDTH, "height": height})
     page.goto(path)
     page.wait_for_function(DRAWN)
-    while page.locator("main .message", has_text="being read").count():  # an earlier request reads the file
+    for _ in range(20):
+        text = page.locator("main").inner_text()
+        if "file is read" not in text and "being read" not in text:
+            break
         page.wait_for_timeout(2000)
         page.reload()
-        page.wait_for_function("() => !document.body.innerText.includes('file is read')", timeout=90_000)
     page.wait_for_timeout(500)
     picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
     few = picture.quantize(COLOURS, dither=Image.Dither.NONE)
