@@ -22,7 +22,7 @@ from playwright.sync_api import Page, sync_playwright
 FOLDER = Path(__file__).parent.parent / "_static"
 WIDTH = 1200
 COLOURS = 96
-DRAWN = """() => [...document.querySelectorAll("[data-chart]")].every(
+COMPLETE = """() => [...document.querySelectorAll("[data-chart]")].every(
   (each) => each.childElementCount || !each.checkVisibility())"""
 HEIGHTS = {
     "fleet": 760,
@@ -78,7 +78,7 @@ def take(page: Page, path: str, target: Path, height: int) -> None:
     """Picture of the upper part of a page, with few colours."""
     page.set_viewport_size({"width": WIDTH, "height": height})
     page.goto(path)
-    page.wait_for_function(DRAWN)
+    page.wait_for_function(COMPLETE)
     for _ in range(20):
         text = page.locator("main").inner_text()
         if "file is read" not in text and "being read" not in text:
