@@ -20,9 +20,9 @@ from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 FOLDER = Path(__file__).parent.parent / "_static"
-WIDTH = 1180
+WIDTH = 1200
 COLOURS = 96
-DRAWN = """() => [...document.querySelectorAll("[data-chart]")].every(
+COMPLETE = """() => [...document.querySelectorAll("[data-chart]")].every(
   (each) => each.childElementCount || !each.checkVisibility())"""
 HEIGHTS = {
     "fleet": 760,
@@ -59,19 +59,18 @@ def addresses(url: str) -> dict[str, str]:
         axes = client.get("/api/v1/axes").json()["axes"]
         worst = min((axis for axis in axes if axis["stiffness"]), key=lambda axis: axis["stiffness"][0])
         name = quote(worst["axis"], safe="")
-        sent = client.get(f"/api/v1/axes/{name}/runs").json()["sent"]
-        analysed = [each["run"] for each in sent if each["run"] is not None and each["files"]]
-        runs = client.get(f"/api/v1/axes/{name}").json()["runs"]
-    newest, first = runs[-1]["run"], runs[0]["run"]
-    recorded = analysed[-1] if analysed else newest
+        runs = [quote(run["run"]) for run in client.get(f"/api/v1/axes/{name}").json()["runs"]]
+        recorded = runs[-1]
+        for each in reversed(runs):
+            if f"/runs/{each}/signals" in client.get(f"/runs/{each}").text:
+                recorded = each
+                break
     return {
         "fleet": "/",
         "axis": f"/axes/{name}",
-        "run": f"/runs/{quote(recorded)}",
-        "signals": f"/runs/{quote(recorded)}/signals",
+        "run": f"/runs/{recorded}",
+        "signals": f"/runs/{recorded}/signals",
         "alarms": "/alarms",
-        "actions": f"/axes/{name}/actions",
-        "compare": f"/compare?a={quote(newest)}&b={quote(first)}",
     }
 
 
@@ -79,7 +78,13 @@ def take(page: Page, path: str, target: Path, height: int) -> None:
     """Picture of the upper part of a page, with few colours."""
     page.set_viewport_size({"width": WIDTH, "height": height})
     page.goto(path)
-    page.wait_for_function(DRAWN)
+    page.wait_for_function(COMPLETE)
+    for _ in range(20):
+        text = page.locator("main").inner_text()
+        if "file is read" not in text and "being read" not in text:
+            break
+        page.wait_for_timeout(2000)
+        page.reload()
     page.wait_for_timeout(500)
     picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
     few = picture.quantize(COLOURS, dither=Image.Dither.NONE)

@@ -118,7 +118,7 @@ def overflow(page: Page) -> float:
     """Pixels that the page is wider than the window, once its charts have their new sizes."""
     width = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
     with suppress(BrowserError):
-        page.wait_for_function(f"{width} <= 0", timeout=3000)
+        page.wait_for_function(f"() => {width} <= 0", timeout=3000)
     return float(page.evaluate(width))
 
 
