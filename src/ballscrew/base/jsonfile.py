@@ -22,7 +22,7 @@ def plain(value: Any, digits: int = 9) -> Any:
     Parameters
     ----------
     value : object
-        Dicts, sequences, numbers, texts; NumPy scalars and arrays too.
+        Dataclasses, dicts, sequences, numbers, texts; NumPy scalars and arrays too.
     digits : int
         Significant digits kept: enough for any measurement, few enough to read.
 
@@ -31,10 +31,14 @@ def plain(value: Any, digits: int = 9) -> Any:
     object
         The same, of plain Python types.
     """
+    if value is None or isinstance(value, str):
+        return value
     if isinstance(value, dict):
         return {str(key): plain(item, digits) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [plain(item, digits) for item in value]
+    if hasattr(value, "__dataclass_fields__"):
+        return {name: plain(getattr(value, name), digits) for name in value.__dataclass_fields__}
     if hasattr(value, "tolist"):
         return plain(value.tolist(), digits)
     if isinstance(value, float):

@@ -239,7 +239,7 @@ class Run(PlottedResult):
         digits : int
             Significant digits of its numbers; with 17, they are those of the run.
         """
-        rigid, over = asdict(self.rigid_body), self.mass_over_preload_kg_per_N
+        over = self.mass_over_preload_kg_per_N
         document = {
             "schema": SCHEMA,
             "id": self.id,
@@ -248,22 +248,22 @@ class Run(PlottedResult):
                 "mass_kg": self.mass_kg,
                 "measured_at": self.measured_at,
                 "temperature_C": self.temperature_C,
-                "temperature": asdict(self.temperature) if self.temperature else None,
-                "files": [asdict(file) for file in self.files],
-                "drive_input": asdict(self.drive_input) if self.drive_input else None,
+                "temperature": self.temperature,
+                "files": self.files,
+                "drive_input": self.drive_input,
             },
             "quality": self.quality.to_json(),
-            "rigid_body": rigid,
-            "transients": [asdict(row) for row in self.transients],
-            "cells": [asdict(cell) for cell in self.cells],
-            "shared_errors": [asdict(error) for error in self.shared_errors],
+            "rigid_body": self.rigid_body,
+            "transients": self.transients,
+            "cells": self.cells,
+            "shared_errors": self.shared_errors,
             "mass_over_preload_kg_per_N": over.to_json() if over else None,
-            "lost_motion": [asdict(row) for row in self.lost_motion],
-            "motor_ripple": [asdict(row) for row in self.motor_ripple],
-            "frame_mode": asdict(self.frame_mode) if self.frame_mode else None,
-            "table_rotation": [asdict(row) for row in self.table_rotation],
-            "clock": asdict(self.clock) if self.clock else None,
-            "made": asdict(self.made),
+            "lost_motion": self.lost_motion,
+            "motor_ripple": self.motor_ripple,
+            "frame_mode": self.frame_mode,
+            "table_rotation": self.table_rotation,
+            "clock": self.clock,
+            "made": self.made,
         }
         result: dict[str, Any] = plain(document, digits)
         return result
