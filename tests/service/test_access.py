@@ -9,6 +9,7 @@ from typing import NoReturn
 import pytest
 from fastapi.routing import APIRoute
 from fastapi.testclient import TestClient
+from starlette.routing import BaseRoute
 from starlette.types import Message
 from tests.service.conftest import SETUP, NewService, client_of, send, sha256
 from tests.simulated_bench import AXIS
@@ -112,12 +113,23 @@ def test_every_route_and_every_kind_of_caller(clients: list[TestClient], remote:
                 assert status == allowed, (method, path)
 
 
+def hidden_routes(service: Service) -> list[str]:
+    """Paths of the routes that the schema does not list: pages."""
+    routes: list[BaseRoute] = []
+    for included in create_app(service).routes:
+        router = getattr(included, "original_router", None)
+        routes += getattr(router, "routes", ())
+    return [each.path for each in routes if isinstance(each, APIRoute) and not each.include_in_schema]
+
+
+def test_pages_are_for_this_computer_alone(service: Service) -> None:
+    assert "/" in hidden_routes(service)
+
+
 def test_routes_outside_the_table_are_the_page_and_the_schema(
     remote: Service, clients: list[TestClient]
 ) -> None:
-    app = create_app(remote)
-    hidden = [each for each in app.routes if isinstance(each, APIRoute) and not each.include_in_schema]
-    assert hidden == []
+    assert hidden_routes(remote) == []
     for path, known in (("/", 404), ("/openapi.json", 200), ("/docs", 404)):
         statuses = [client.get(path).status_code for client in clients]
         assert statuses == [401, known, known, known], path
