@@ -44,16 +44,17 @@ from ballscrew.store.copying import backup
 from ballscrew.store.migrating import migrate
 from ballscrew.store.opened import OpenStore, create_store
 from ballscrew.store.reprocessing import reprocess
-from ballscrew.store.tables import RawFile, ResultRow, RunRow
+from ballscrew.store.tables import SCHEMA, RawFile, ResultRow, RunRow
 
 _BEGIN = datetime(2026, 1, 1, tzinfo=UTC)
 _LONGER = 1.15  # times the usual duration within which a process is killed
+_LATER_SCHEMA = f"{int(SCHEMA) + 1:04d}"
 _LATER = """
 import sqlalchemy as sa
 from alembic import op
 
-revision = "0003"
-down_revision = "0002"
+revision = "{later}"
+down_revision = "{present}"
 
 
 def upgrade():
@@ -170,12 +171,12 @@ class Campaign:
 def migrated_copy(copy: Path, folder: Path) -> None:
     """Migrate a store to a later schema; it has one of the two at any time."""
     found = verify_schema(copy)
-    assert found in ("0002", "0003"), found
+    assert found in (SCHEMA, _LATER_SCHEMA), found
     migrating._MIGRATIONS = later_migrations(folder)
     for module in (database, migrating):
-        module.SCHEMA, module.SCHEMAS = "0003", ("0002", "0003")  # type: ignore[attr-defined]
+        module.SCHEMA, module.SCHEMAS = _LATER_SCHEMA, (SCHEMA, _LATER_SCHEMA)  # type: ignore[attr-defined]
     migrate(copy)
-    assert verify_schema(copy) == "0003"
+    assert verify_schema(copy) == _LATER_SCHEMA
     assert migrating.sqlite_faults(copy / "store.sqlite") == []
 
 
@@ -184,7 +185,8 @@ def later_migrations(folder: Path) -> Path:
     later = folder / "migrations"
     if not later.exists():
         shutil.copytree(migrating._MIGRATIONS, later)
-        (later / "versions" / "0003_later.py").write_text(_LATER)
+        text = _LATER.format(present=SCHEMA, later=_LATER_SCHEMA)
+        (later / "versions" / f"{_LATER_SCHEMA}_later.py").write_text(text)
     return later
 
 

@@ -152,10 +152,10 @@ def test_keys_of_a_history_take_time_by_its_runs_and_not_by_their_product_with_e
 
     rows = [SimpleNamespace(id=day, run=str(day), time=86400.0 * (20_000 + day)) for day in range(30)]
     events = [Counted(f"2024-10-{4 + day:02d}T12:00Z", "note") for day in range(20)]
-    checksums = {row.id: row.id for row in rows}
-    keys = _prefixes(rows, checksums, events, "model", MonitorSettings())
+    results: Any = {row.id: SimpleNamespace(checksum=row.id) for row in rows}
+    keys = _prefixes(rows, results, events, "model", MonitorSettings())
     assert len(parsed) == len(events)
-    fewer = _prefixes(rows, checksums, events[:10], "model", MonitorSettings())
+    fewer = _prefixes(rows, results, events[:10], "model", MonitorSettings())
     assert [key == other for key, other in zip(keys, fewer, strict=True)] == [True] * 11 + [False] * 19
 
 

@@ -90,7 +90,7 @@ def test_a_damaged_store_is_read_and_not_written_until_it_is_repaired(with_files
         ("DELETE FROM corrections", "corrections has 0 rows"),
         ("DELETE FROM exclusions", "exclusions has 0 rows"),
         ("DELETE FROM alarms", "alarms has 0 rows"),
-        ("DELETE FROM assessments WHERE id = 1", "assessments has"),
+        ("DELETE FROM explanations; DELETE FROM assessments WHERE id = 1", "assessments has"),
         ("DELETE FROM sources", "sources has 0 rows"),
         ("DELETE FROM files", "has no row"),
         ("DELETE FROM documents", "has no row"),
@@ -107,7 +107,8 @@ def test_a_changed_row_is_found(with_files: Store, change: str, fault: str) -> N
     with_files.exclude(RUNS[2].id, reason="sensor")
     assert with_files.verify(with_files.path).faults == ()
     with with_files.engine(writing=True).begin() as connection:
-        connection.execute(text(change))
+        for statement in change.split("; "):
+            connection.execute(text(statement))
     assert fault in " ".join(with_files.verify(with_files.path).faults)
 
 

@@ -21,7 +21,7 @@ from ballscrew.store.database import schema_of
 from ballscrew.store.folder import DataFolder
 from ballscrew.store.inserting import insert_run
 from ballscrew.store.store import Store
-from ballscrew.store.tables import Base, RunRow
+from ballscrew.store.tables import SCHEMA, Base, RunRow
 
 
 def test_the_migrations_make_the_tables(store: Store) -> None:
@@ -108,12 +108,13 @@ def test_a_wrong_database_is_a_sentence(tmp_path: Path, url: str, sentence: str)
         Store.init(tmp_path / "a", database=url)
 
 
-LATER = """
+NEXT = f"{int(SCHEMA) + 1:04d}"
+LATER = f"""
 import sqlalchemy as sa
 from alembic import op
 
-revision = "0004"
-down_revision = "0003"
+revision = "{NEXT}"
+down_revision = "{SCHEMA}"
 
 
 def upgrade():
@@ -126,15 +127,15 @@ def later_version(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[
     """Switches to a version of the program with another schema, and back."""
     migrations = tmp_path / "migrations"
     shutil.copytree(migrating._MIGRATIONS, migrations)
-    (migrations / "versions" / "0004_later.py").write_text(LATER)
+    (migrations / "versions" / f"{NEXT}_later.py").write_text(LATER)
 
     def switch(later: bool) -> None:
         monkeypatch.undo()
         if later:
             monkeypatch.setattr(migrating, "_MIGRATIONS", migrations)
             for module in (database, migrating):
-                monkeypatch.setattr(module, "SCHEMA", "0004")
-                monkeypatch.setattr(module, "SCHEMAS", ("0003", "0004"))
+                monkeypatch.setattr(module, "SCHEMA", NEXT)
+                monkeypatch.setattr(module, "SCHEMAS", (SCHEMA, NEXT))
 
     return switch
 
@@ -151,13 +152,13 @@ def test_an_older_store_is_migrated_and_a_newer_one_is_refused(
     before = text_of(store.monitor("bench").monitored)
     later_version(True)
     with pytest.raises(
-        InputError, match="has schema 0003, this version needs 0004: run 'ballscrew store mig"
+        InputError, match=f"has schema {SCHEMA}, this version needs {NEXT}: run 'ballscrew store mig"
     ):
         Store(store.path)
-    assert Store.migrate(store.path) == "0003"
-    assert Store.migrate(store.path) == "0004"
+    assert Store.migrate(store.path) == SCHEMA
+    assert Store.migrate(store.path) == NEXT
     migrated = Store(store.path)
-    assert schema(migrated) == "0004"
+    assert schema(migrated) == NEXT
     assert text_of(migrated.monitor("bench").monitored) == before
     later_version(False)
     with pytest.raises(InputError, match="was written by a later version of ballscrew"):
@@ -169,7 +170,7 @@ def test_an_older_store_is_migrated_and_a_newer_one_is_refused(
 def test_a_migration_that_fails_changes_nothing(store: Store, later_version: Callable[[bool], None]) -> None:
     fill(store)
     later_version(True)
-    broken = migrating._MIGRATIONS / "versions" / "0004_later.py"
+    broken = migrating._MIGRATIONS / "versions" / f"{NEXT}_later.py"
     broken.write_text(LATER + "    op.execute('DROP TABLE nothing')\n")
     with pytest.raises(Exception, match="nothing"):
         Store.migrate(store.path)

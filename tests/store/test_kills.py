@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from ballscrew.modal import analyze
-from ballscrew.store import analysing, database, migrating
+from ballscrew.store import analysing, database, migrating, tables
 from benchmarks import store_kills
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
@@ -25,4 +25,4 @@ def test_nothing_acknowledged_is_lost_and_nothing_doubled(new_url: Callable[[], 
     outcomes = store_kills.kill_all(8, url=new_url(), seed=3)
     killed = {key: number for key, number in outcomes.items() if key[1] != "not killed"}
     assert sum(killed.values()) == 8
-    assert migrating.SCHEMA == database.SCHEMA == "0003"
+    assert migrating.SCHEMA == database.SCHEMA == tables.SCHEMA

@@ -26,7 +26,7 @@ from ballscrew.store.store import Store
 from ballscrew.store.tables import AlarmAction, AlarmRow, Audit, MachineRow, Setup, Trouble
 
 TIME = datetime(2026, 2, 12, tzinfo=UTC)
-HOSTILE = "<script>alert(1)</script> $x_1$ \\frac{1}{2} 😀"
+HOSTILE = "<script>alert(1)<script> $x_1$ \\frac{1}{2} 😀"
 LONG = "Z" * 200
 UNKNOWN = "C axis, no model"
 
