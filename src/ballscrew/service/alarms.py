@@ -37,6 +37,7 @@ from ballscrew.store.tables import (
 router = APIRouter(prefix="/api/v1/alarms")
 
 SILENCE, MEASUREMENT, ASSESSMENT = "silence", "measurement", "assessment"
+_LONGEST_TEXT = 4000  # characters of the text of a trouble
 _ACTIONS = {"acknowledge": "acknowledged", "shelve": "shelved", "close": "closed", "reopen": "raised"}
 
 
@@ -151,7 +152,16 @@ def report_bad_measurement(session: Session, axis: Axis, at: str, reasons: Seque
         return
     if standing is None and reasons and _is_good_after(session, axis, time.timestamp()):
         return
-    _set_trouble(session, axis, MEASUREMENT, at if reasons else None, "; ".join(reasons))
+    _set_trouble(session, axis, MEASUREMENT, at if reasons else None, _joined(reasons))
+
+
+def _joined(reasons: Sequence[str]) -> str:
+    """Reasons as one text, the first ones of very many."""
+    text = "; ".join(reasons)
+    if len(text) <= _LONGEST_TEXT:
+        return text
+    start = text[:_LONGEST_TEXT]
+    return f"{start.rpartition('; ')[0] or start}; …"
 
 
 def _is_good_after(session: Session, axis: Axis, time: float) -> bool:
