@@ -130,6 +130,7 @@ def _catalogue() -> _Catalogue:
     return _Catalogue(templates("reasons"), templates("parts"), templates("prefixes"), numbers)
 
 
+@lru_cache(maxsize=1024)
 def coded_reason(text: str) -> CodedReason | None:
     """Code and parameters of a sentence.
 

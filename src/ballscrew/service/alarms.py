@@ -19,7 +19,7 @@ from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.counting import doubted_runs, doubts_of
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.settings import ServerSettings, is_overdue
-from ballscrew.store.alarms import alarm_documents
+from ballscrew.store.alarms import alarm_document, alarm_documents
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
 from ballscrew.store.tables import (
@@ -70,7 +70,7 @@ def act(alarm: str, action: Action, caller: AdminCaller, service: RunningService
         session.add(taken)
         record(session, action.action, alarm, by=caller.name, text=action.text, until=action.until)
         session.flush()
-        document = next(each for each in alarm_documents(session) if each["id"] == alarm)
+        document = alarm_document(session, row)
     service.announce()
     return {"schema": SCHEMA, **document}
 
