@@ -124,6 +124,15 @@ def test_the_document_and_the_cells_are_those_of_the_run(client: TestClient) -> 
     assert client.get(f"/api/v1/runs/{run.id}/cells?format=xlsx").status_code == 422
 
 
+def test_no_cell_of_the_history_is_executed_by_a_spreadsheet(client: TestClient) -> None:
+    formula = '=HYPERLINK("http://192.0.2.1")'
+    send_result(client, 0, id=formula)
+    path = "/api/v1/axes/bench/history"
+    (row,) = csv.DictReader(io.StringIO(client.get(f"{path}?format=csv").text))
+    assert (row["run"], row["counts"]) == (f"'{formula}", "True")
+    assert client.get(path).json()["history"][0]["run"] == formula
+
+
 @pytest.mark.parametrize("name", ["X/Y", "/", "..", " . "])
 def test_a_name_that_cannot_be_a_part_of_a_url_is_refused_when_an_axis_is_added(
     service: Service, name: str, tmp_path: Path
