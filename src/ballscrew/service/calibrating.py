@@ -210,7 +210,9 @@ class Calibrator:
         """Run the process until its result, its time limit, or the stop of the service."""
         context = multiprocessing.get_context("spawn")
         pipe, other = context.Pipe(duplex=False)
-        process = context.Process(target=self.target, args=(other, started.task), name="ballscrew calibration")
+        process = context.Process(
+            target=self.target, args=(other, started.task), name="ballscrew calibration"
+        )
         try:
             process.start()
             other.close()
