@@ -224,6 +224,16 @@ def test_a_hostile_text_has_a_translation_in_finite_time() -> None:
         assert isinstance(german_of(text), str)
 
 
+def test_many_reasons_have_a_translation() -> None:
+    reason = "torque is clipped at 1.20 N m: 12 samples lie there, 3.1 % of all above half that limit"
+    text = german_of("; ".join([reason] * 1200))
+    assert text.count("; ") == 1199
+    assert text.startswith(f"{german_of(reason)}; {german_of(reason)}; ")
+    assert text.endswith(reason)
+    nested = german_of("the calibration is suspect (a): " + "1 and " * 600 + "1")
+    assert nested.count("1") == 601
+
+
 def recorded(value: object) -> Iterator[str]:
     """Sentences of reasons and notes in a JSON document."""
     if isinstance(value, dict):

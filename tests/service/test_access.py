@@ -237,6 +237,28 @@ def test_other_hosts_and_sites_are_refused_on_loopback(
     assert (answer.status_code, answer.headers["Ballscrew-API"]) == (status, "1")
 
 
+LINK = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate", "Sec-Fetch-Dest": "document"}
+
+
+@pytest.mark.parametrize(
+    ("method", "changes", "status"),
+    [
+        ("GET", {}, 200),
+        ("POST", {}, 403),
+        ("GET", {"Sec-Fetch-Mode": "no-cors", "Sec-Fetch-Dest": "image"}, 403),
+        ("GET", {"Sec-Fetch-Dest": "iframe"}, 403),
+        ("GET", {"Sec-Fetch-Mode": "cors", "Sec-Fetch-Dest": "empty"}, 403),
+        ("GET", {"Sec-Fetch-Site": "same-origin", "Sec-Fetch-Dest": "image"}, 200),
+        ("GET", {"Sec-Fetch-Site": "none"}, 200),
+    ],
+)
+def test_another_site_can_link_to_a_page_and_nothing_else(
+    client: TestClient, method: str, changes: dict[str, str], status: int
+) -> None:
+    answer = client.request(method, "/alarms", headers=LINK | changes)
+    assert answer.status_code == status
+
+
 def test_hosts_can_be_allowed(new_service: NewService) -> None:
     with client_of(new_service(allowed_hosts=("plant.example",))) as client:
         assert client.get("/livez", headers={"Host": "plant.example:443"}).status_code == 200

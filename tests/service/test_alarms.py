@@ -21,7 +21,7 @@ from ballscrew.service.serving import Service
 from ballscrew.service.working import finish
 from ballscrew.store.adding import add_run
 from ballscrew.store.changing import exclude
-from ballscrew.store.tables import Message, Setup
+from ballscrew.store.tables import Axis, Message, Setup, Trouble
 
 
 def assess(service: Service) -> None:
@@ -70,6 +70,26 @@ def test_an_alarm_is_raised_handled_and_retracted(client: TestClient, service: S
     assert alarms(client)[0]["state"] == "retracted"
     assert messages(service) == [("alarm-1/1", "raised"), ("alarm-1/2", "retracted")]
     assert len(alarms(client)[0]["actions"]) == 3
+
+
+def test_pages_and_actions_load_no_trouble_that_has_ended(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+    monkeypatch.setattr("ballscrew.store.alarms.coded_reason", made.append)
+    with service.store.write("test") as session:
+        bench = session.scalars(select(Axis.id)).one()
+        for number in range(30):
+            ended = "2026-02-01T08:00Z" if number else None
+            trouble = {"kind": "silence", "began_at": f"2026-01-{number + 1:02}T08:00Z", "text": f"{number}"}
+            session.add(Trouble(axis_id=bench, raised_at=trouble["began_at"], ended_at=ended, **trouble))
+    for path in ("/", "/status"):
+        assert client.get(path).status_code == 200
+    assert set(made) == {"0"}
+    made.clear()
+    assert act(client, "trouble-7", "close", text="no sensor").json()["actions"][0]["text"] == "no sensor"
+    assert made == ["6"]
+    assert len(alarms(client)) == 30
 
 
 def test_an_axis_that_cannot_be_assessed_says_why(client: TestClient, service: Service) -> None:
@@ -216,6 +236,24 @@ def test_a_bad_run_that_was_analysed_at_the_machine_is_trouble_too(client: TestC
     assert alarm["began_at"] == RUNS[0].measured_at
     send_result(client, 1)
     assert alarms(client)[0]["state"] == "ended"
+
+
+CLIPPED = "torque is clipped at 1.20 N m: 12 samples lie there, 3.1 % of all above half that limit"
+
+
+@pytest.mark.parametrize(
+    ("reasons", "beginning"), [((CLIPPED,) * 1200, f"{CLIPPED}; {CLIPPED}; "), (("x" * 9000,), "xxx")]
+)
+def test_very_many_reasons_are_a_trouble_with_the_first_ones(
+    client: TestClient, reasons: tuple[str, ...], beginning: str
+) -> None:
+    send_result(client, 0, quality=replace(RUNS[0].quality, verdict="bad", reasons=reasons))
+    (alarm,) = alarms(client)
+    assert alarm["text"].startswith(beginning)
+    assert alarm["text"].endswith("; …")
+    assert len(alarm["text"]) < 4010
+    for path in ("/alarms", "/axes/bench"):
+        assert client.get(path, headers={"Accept-Language": "de"}).status_code == 200
 
 
 BAD = replace(RUNS[0].quality, verdict="bad", reasons=("the sensor is loose.",))

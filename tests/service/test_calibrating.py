@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from typing import Any
 
@@ -78,8 +79,34 @@ def test_the_page_calibrates_shows_the_report_and_uses_the_model(
         assert doubt.name in page
     answer = client.get(f"{PAGE}/model")
     assert answer.json()["parameters"] == model_json(MODEL)["parameters"]
-    assert post(client, PAGE, do="use").headers["location"] == f"{PAGE}?done=use"
+    assert post(client, PAGE, do="use", model=shown_model(page)).headers["location"] == f"{PAGE}?done=use"
     assert "The model is in use" in get(client, f"{PAGE}?done=use")
+
+
+def shown_model(page: str) -> str:
+    """Digest of the model that a page shows."""
+    (found,) = re.findall('name="model" value="([0-9a-f]{64})"', page)
+    return str(found)
+
+
+def test_the_model_that_is_used_is_the_one_that_the_page_showed(client: TestClient, service: Service) -> None:
+    runs = fill_axis(client, service, 4)
+    set_target(client, quick_calibration.give_model)
+    digests = []
+    for note in ("of one person", "of another"):
+        document = model_json(MODEL)
+        document["notes"] = [note]
+        (service.store.path / "model.json").write_text(write_json(document), encoding="utf-8")
+        post(client, PAGE, do="start", run=runs[:3])
+        assert ended(client)["status"] == "done"
+        digests.append(shown_model(get(client, PAGE)))
+    for form in ({"model": digests[0]}, {}):
+        answer = post(client, PAGE, do="use", **form)
+        assert (answer.status_code, "another calibration has ended" in problem(answer)) == (422, True)
+    assert client.get("/api/v1/axes/bench").json()["corrections"] == []
+    assert post(client, PAGE, do="use", model=digests[1]).status_code == 303
+    (chosen,) = client.get("/api/v1/axes/bench").json()["corrections"]
+    assert chosen["field"] == "model"
 
 
 def test_a_model_that_is_used_replaces_the_one_before(client: TestClient, service: Service) -> None:

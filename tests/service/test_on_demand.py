@@ -73,6 +73,18 @@ def test_the_oldest_results_are_removed(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["c"]
 
 
+def test_a_result_is_removed_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever of its files is already removed, its folder no longer has its name."""
+    found = []
+    monkeypatch.setattr("shutil.rmtree", lambda *_, **__: found.append((tmp_path / "a").exists()))
+    for number, name in enumerate("ab"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "part").write_bytes(b"x")
+        os.utime(tmp_path / name, (number, number))
+    on_demand._remove_oldest(tmp_path, 1)
+    assert found == [False]
+
+
 def test_too_many_results_are_refused(results: OnDemand, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(on_demand, "_PATIENCE", 0.0)
     monkeypatch.setattr(OnDemand, "_run", lambda self: None)  # noqa: ARG005

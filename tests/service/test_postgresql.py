@@ -5,16 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from sqlalchemy import select
 from tests.service.conftest import SETUP, client_of, send, send_result, work_off
 from tests.store.conftest import postgresql  # noqa: F401  a fixture
 from tests.store.servers import PostgreSQL
 from tests.store.stored import MODEL, RUNS
 
 from ballscrew.calibration.modelfile import model_json
+from ballscrew.service.pages import fleet
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.opened import create_store
 from ballscrew.store.store import Store
+from ballscrew.store.tables import StateRow
 
 
 def test_a_round_trip_on_postgresql(postgresql: PostgreSQL, tmp_path: Path) -> None:  # noqa: F811
@@ -36,6 +39,10 @@ def test_a_round_trip_on_postgresql(postgresql: PostgreSQL, tmp_path: Path) -> N
         assert len(client.get("/api/v1/axes/bench/history").json()["history"]) == 3
         found = client.get(f"/api/v1/runs/{RUNS[0].id}").json()
         assert (found["sent"][0]["status"], found["run"]["id"]) == ("done", RUNS[0].id)
+        assert client.get("/").status_code == 200
+        with service.store.read() as session:
+            begin = min(session.scalars(select(StateRow.time))) - 51.75 * 7 * 86400
+            assert fleet._strips(session, begin)["bench"][0] == (51, 1, "learning")  # not rounded up
         excluded = client.post(f"/api/v1/axes/bench/runs/{RUNS[1].id}/exclusion", json={"reason": "x"})
         assert excluded.json()["excluded"]
         work_off(service, lambda _: ("failed", "no analysis"))

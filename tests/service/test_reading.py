@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
-from tests.service.conftest import SETUP, NewService, client_of, send, send_result, work_off
+from tests.service.conftest import SETUP, NewService, client_of, put, send, send_result, sha256, work_off
 from tests.store.stored import EVENTS, RUNS
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.jsonfile import write_json
 from ballscrew.modal.run import Run
 from ballscrew.service.serving import Service
 from ballscrew.service.tokens import create_token
@@ -78,6 +79,34 @@ def test_a_machine_finds_only_its_runs(new_service: NewService) -> None:
             )  # whether there is one is not shown
 
 
+def test_a_machine_that_sends_the_id_of_a_run_of_another_does_not_find_that_run(
+    new_service: NewService,
+) -> None:
+    service = new_service(host="0.0.0.0", allow_plain_http=True)  # noqa: S104
+    local = Service(service.store, service.settings.model_copy(update={"host": "127.0.0.1"}))
+    with client_of(local) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        other = SETUP | {"machine": "mill 5", "sheet": SETUP["sheet"].replace('"bench"', '"Y axis"')}
+        client.put("/api/v1/axes/Y axis", json=other)
+        send_result(client, 0, id=ID)
+    content = write_json(replace(RUNS[1], id=ID, axis="Y axis").to_json()).encode()
+    _, text = create_token(service.store, "mill 5", admin=False)
+    with client_of(service, headers={"Authorization": f"Bearer {text}"}) as client:
+        path = "/api/v1/axes/Y axis/runs/copied"
+        assert put(client, content, path).status_code == 201
+        sent = client.post(f"{path}/complete", json={"files": [], "run_json": sha256(content)})
+        assert sent.status_code == 409
+        assert client.get(f"/api/v1/runs/{ID}").status_code == 403
+        found = client.get(f"/api/v1/runs/{sent.json()['id']}").json()
+        assert (found["axis"], found["run"]) == ("Y axis", None)
+        assert [each["status"] for each in found["sent"]] == ["conflict"]
+        assert client.get(f"/api/v1/runs/{sent.json()['id']}/document").status_code == 404
+    _, text = create_token(service.store, "mill 4", admin=False)
+    with client_of(service, headers={"Authorization": f"Bearer {text}"}) as client:
+        (own,) = client.get(f"/api/v1/runs/{ID}").json()["sent"]
+        assert own["run"] == "analysed-0"
+
+
 def test_the_document_and_the_cells_are_those_of_the_run(client: TestClient) -> None:
     reasons = replace(RUNS[0].cells[1], reasons=("=HYPERLINK(1)",), reason_kinds=("",), verdict="suspect")
     run = replace(RUNS[0], cells=(RUNS[0].cells[0], reasons, *RUNS[0].cells[2:]))
@@ -93,6 +122,15 @@ def test_the_document_and_the_cells_are_those_of_the_run(client: TestClient) -> 
     assert [float(row["frequency_Hz"]) for row in rows] == [cell.frequency_Hz for cell in run.cells]
     assert rows[1]["reasons"] == "'=HYPERLINK(1)"  # which no spreadsheet executes
     assert client.get(f"/api/v1/runs/{run.id}/cells?format=xlsx").status_code == 422
+
+
+def test_no_cell_of_the_history_is_executed_by_a_spreadsheet(client: TestClient) -> None:
+    formula = '=HYPERLINK("http://192.0.2.1")'
+    send_result(client, 0, id=formula)
+    path = "/api/v1/axes/bench/history"
+    (row,) = csv.DictReader(io.StringIO(client.get(f"{path}?format=csv").text))
+    assert (row["run"], row["counts"]) == (f"'{formula}", "True")
+    assert client.get(path).json()["history"][0]["run"] == formula
 
 
 @pytest.mark.parametrize("name", ["X/Y", "/", "..", " . "])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from tests.store.stored import RUNS
 
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import Run
+from ballscrew.service.on_demand import OnDemand
 from ballscrew.service.serving import Service
 
 FREQUENCY = np.linspace(10.0, 300.0, 291)
@@ -75,6 +77,20 @@ def test_a_cell_that_is_not_there_is_404(client: TestClient, run: str) -> None:
     answer = client.get(f"/api/v1/runs/{run}/response?cell=999")
     assert (answer.status_code, "none of the number 999" in answer.json()["detail"]) == (404, True)
     assert client.get("/api/v1/runs/none/response").status_code == 404
+
+
+@pytest.mark.parametrize("is_removed", [True, False])
+def test_a_result_that_is_removed_while_it_is_read_is_computed_again(
+    client: TestClient, run: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *, is_removed: bool
+) -> None:
+    folder = tmp_path / "result"
+    if not is_removed:
+        folder.mkdir()  # and without the file of the cell
+    with monkeypatch.context() as patch:
+        patch.setattr(OnDemand, "find", lambda *_: folder)
+        answer = client.get(f"/api/v1/runs/{run}/response?cell=3")
+        assert answer.status_code == (202 if is_removed else 404)
+    assert client.get(f"/api/v1/runs/{run}/response?cell=3").status_code == 200
 
 
 @pytest.mark.usefixtures("run")

@@ -10,12 +10,15 @@ import re
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib import resources
+from itertools import islice
 from typing import Any
 
 _LONGEST = 4000  # characters of a text that is compared; a longer one is no reason
 _MOST_BREAKS = 20  # semicolons of a text at which one reason may end and the next begin
+_MOST_REASONS = 50  # of a text that are translated
+_MOST_NESTED = 20  # parts of sentences inside each other that are translated
 _PLACEHOLDER = re.compile(r"\{(\w+)\}")
 _NUMBER = re.compile(r"[±+−-]?(?:\d[\d.,]*(?:e[+-]?\d+)?|nan|inf)(?: %)?", re.IGNORECASE)
 _FILE = re.compile(r"[^:]*[^:\s]\.\w{1,8}")
@@ -127,6 +130,7 @@ def _catalogue() -> _Catalogue:
     return _Catalogue(templates("reasons"), templates("parts"), templates("prefixes"), numbers)
 
 
+@lru_cache(maxsize=1024)
 def coded_reason(text: str) -> CodedReason | None:
     """Code and parameters of a sentence.
 
@@ -165,34 +169,61 @@ def translated(text: str, gettext: Callable[[str], str]) -> str:
     str
         With the same numbers and names; in English where the sentence is none of the catalogue.
     """
+    return _translated(text, gettext, _MOST_NESTED)
+
+
+def _translated(text: str, gettext: Callable[[str], str], depth: int) -> str:
+    """Translation of reasons with semicolons between them, the first ones of very many."""
+    found = []
+    for _ in range(_MOST_REASONS):
+        whole = _translated_reason(text, gettext, depth)
+        if whole is not None:
+            return "; ".join([*found, whole])
+        first, rest = _divided(text)
+        if first is None:
+            break
+        found.append(_translated_reason(first, gettext, depth) or first)
+        text = rest
+    return "; ".join([*found, text])
+
+
+def _divided(text: str) -> tuple[str | None, str]:
+    """The first of several reasons, and the others; None where the text does not begin with one."""
+    for match in islice(re.finditer("; ", text[:_LONGEST]), _MOST_BREAKS):
+        if coded_reason(text[: match.start()]) is not None:
+            return text[: match.start()], text[match.end() :]
+    return None, text
+
+
+def _translated_reason(text: str, gettext: Callable[[str], str], depth: int) -> str | None:
+    """Translation of one reason; None where the text is none of the catalogue."""
     catalogue = _catalogue()
     divided = catalogue.divide(text)
     if divided is not None and catalogue.find(divided[1]) is not None:
         prefix, sentence, names = divided
-        return _filled(prefix, names | {"reason": sentence}, gettext)
+        return _filled(prefix, names | {"reason": sentence}, gettext, depth)
     found = catalogue.find(text)
-    if found is not None:
-        return _filled(*found, gettext)
-    for match in list(re.finditer("; ", text[:_LONGEST]))[:_MOST_BREAKS]:
-        first, rest = text[: match.start()], text[match.end() :]
-        if coded_reason(first) is not None:
-            return f"{translated(first, gettext)}; {translated(rest, gettext)}"
-    return text
+    if found is None:
+        return None
+    return _filled(*found, gettext, depth)
 
 
-def _filled(template: _Template, values: Mapping[str, str], gettext: Callable[[str], str]) -> str:
+def _filled(template: _Template, values: Mapping[str, str], gettext: Callable[[str], str], depth: int) -> str:
     """Translation of a template with its parameters, each translated if it is a part of a sentence."""
     filled = {}
     for name, value in values.items():
-        filled[name] = value if name in _GIVEN_NAMES else _translated_part(value, gettext)
+        filled[name] = value if name in _GIVEN_NAMES else _translated_part(value, gettext, depth)
     return _PLACEHOLDER.sub(lambda match: filled.get(match[1], match[0]), gettext(template.text))
 
 
-def _translated_part(value: str, gettext: Callable[[str], str]) -> str:
+def _translated_part(value: str, gettext: Callable[[str], str], depth: int) -> str:
+    """Translation of a parameter that is a part of a sentence, not too deep inside it."""
+    if depth == 0:
+        return value
     found = _catalogue().find(value, part=True)
     if found is not None:
-        return _filled(*found, gettext)
-    sentences = translated(value, gettext)
+        return _filled(*found, gettext, depth - 1)
+    sentences = _translated(value, gettext, depth - 1)
     if sentences != value or ", " not in value:
         return sentences
-    return ", ".join(_translated_part(each, gettext) for each in value.split(", "))
+    return ", ".join(_translated_part(each, gettext, depth - 1) for each in value.split(", "))

@@ -143,7 +143,7 @@ def export_table(table: pd.DataFrame, path: str | Path) -> None:
 
 def csv_text(table: pd.DataFrame) -> str:
     """Table as CSV: texts are quoted, and an apostrophe precedes one that a spreadsheet would execute."""
-    safe = table.map(_not_executed).rename(columns=_not_executed)
+    safe = table.map(not_executed).rename(columns=not_executed)
     text: str = safe.to_csv(index=False, lineterminator="\n", quoting=csv.QUOTE_NONNUMERIC)
     return text
 
@@ -167,7 +167,8 @@ def _real(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(real, index=table.index)
 
 
-def _not_executed(cell: Any) -> Any:
+def not_executed(cell: Any) -> Any:
+    """Cell of a table, with an apostrophe before a text that a spreadsheet would execute."""
     return f"'{cell}" if isinstance(cell, str) and cell.lstrip(" ").startswith(_FORMULA) else cell
 
 

@@ -185,7 +185,7 @@ class Guard:
     async def _refusal(self, scope: Scope) -> JSONResponse | None:
         """Refusal of a request by its headers; None if its route answers."""
         headers = Headers(scope=scope)
-        refusal = self._wrong_host(headers)
+        refusal = self._wrong_host(scope["method"], headers)
         if refusal is not None:
             return refusal
         if scope["path"] not in _OPEN:
@@ -198,7 +198,7 @@ class Guard:
             return _too_large()
         return None
 
-    def _wrong_host(self, headers: Mapping[str, str]) -> JSONResponse | None:
+    def _wrong_host(self, method: str, headers: Mapping[str, str]) -> JSONResponse | None:
         """Refusal of a request from another site or to a host that is not allowed; else None."""
         settings = self.service.settings
         allowed = set(settings.allowed_hosts)
@@ -208,7 +208,8 @@ class Guard:
         if allowed and host not in allowed:
             return JSONResponse({"detail": "the name of the host is not allowed (allowed_hosts)."}, 400)
         origin = headers.get("origin")
-        if origin is not None and not _is_of(origin, headers.get("host")):
+        is_foreign = origin is not None and not _is_of(origin, headers.get("host"))
+        if is_foreign or _is_from_another_site(method, headers):
             return JSONResponse({"detail": "the request comes from another site."}, 403)
         return None
 
@@ -232,6 +233,14 @@ def _is_of(origin: str, host: str | None) -> bool:
         return urlsplit(origin).netloc == host
     except ValueError:
         return False
+
+
+def _is_from_another_site(method: str, headers: Mapping[str, str]) -> bool:
+    """Whether a page of another site causes a request, other than by a link that a person follows."""
+    if headers.get("sec-fetch-site") != "cross-site":
+        return False
+    link = (headers.get("sec-fetch-mode"), headers.get("sec-fetch-dest"))
+    return method != "GET" or link != ("navigate", "document")
 
 
 def _is_short(length: str) -> bool:

@@ -19,7 +19,7 @@ from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.counting import doubted_runs, doubts_of
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.settings import ServerSettings, is_overdue
-from ballscrew.store.alarms import alarm_documents
+from ballscrew.store.alarms import alarm_document, alarm_documents
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
 from ballscrew.store.tables import (
@@ -37,6 +37,7 @@ from ballscrew.store.tables import (
 router = APIRouter(prefix="/api/v1/alarms")
 
 SILENCE, MEASUREMENT, ASSESSMENT = "silence", "measurement", "assessment"
+_LONGEST_TEXT = 4000  # characters of the text of a trouble
 _ACTIONS = {"acknowledge": "acknowledged", "shelve": "shelved", "close": "closed", "reopen": "raised"}
 
 
@@ -69,7 +70,7 @@ def act(alarm: str, action: Action, caller: AdminCaller, service: RunningService
         session.add(taken)
         record(session, action.action, alarm, by=caller.name, text=action.text, until=action.until)
         session.flush()
-        document = next(each for each in alarm_documents(session) if each["id"] == alarm)
+        document = alarm_document(session, row)
     service.announce()
     return {"schema": SCHEMA, **document}
 
@@ -151,7 +152,16 @@ def report_bad_measurement(session: Session, axis: Axis, at: str, reasons: Seque
         return
     if standing is None and reasons and _is_good_after(session, axis, time.timestamp()):
         return
-    _set_trouble(session, axis, MEASUREMENT, at if reasons else None, "; ".join(reasons))
+    _set_trouble(session, axis, MEASUREMENT, at if reasons else None, _joined(reasons))
+
+
+def _joined(reasons: Sequence[str]) -> str:
+    """Reasons as one text, the first ones of very many."""
+    text = "; ".join(reasons)
+    if len(text) <= _LONGEST_TEXT:
+        return text
+    start = text[:_LONGEST_TEXT]
+    return f"{start.rpartition('; ')[0] or start}; …"
 
 
 def _is_good_after(session: Session, axis: Axis, time: float) -> bool:

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from typing import Annotated, Any
 
@@ -133,6 +133,31 @@ def work(pipe: Connection, task: CalibrationTask) -> None:
         pipe.send(answer)
 
 
+@dataclass(frozen=True, slots=True)
+class StartedCalibration:
+    """A calibration with its status and result, which are replaced together.
+
+    Parameters
+    ----------
+    task : CalibrationTask
+        The axis and the runs.
+    begun : float
+        Its begin, s.
+    status : str
+        Running, done, refused or failed.
+    result : object
+        MODEL.json of one that is done, or a sentence.
+    ended : float or None
+        Its end, s.
+    """
+
+    task: CalibrationTask
+    begun: float
+    status: str = RUNNING
+    result: Any = None
+    ended: float | None = None
+
+
 class Calibrator:
     """The calibration that runs, or the newest that has ended.
 
@@ -147,9 +172,7 @@ class Calibrator:
     def __init__(self, service: Service, target: Any = work) -> None:
         self.service = service
         self.target = target
-        self.task: CalibrationTask | None = None
-        self.status, self.result = DONE, None
-        self.begun = self.ended = 0.0
+        self._newest: StartedCalibration | None = None
         self._turn = threading.Lock()
 
     def start(self, task: CalibrationTask) -> None:
@@ -161,37 +184,39 @@ class Calibrator:
             503 while another one runs.
         """
         with self._turn:
-            if self.status == RUNNING and self.task is not None:
-                message = f"a calibration of the axis {shown(self.task.axis)} is running; wait for its end."
+            newest = self._newest
+            if newest is not None and newest.status == RUNNING:
+                message = f"a calibration of the axis {shown(newest.task.axis)} is running; wait for its end."
                 raise RefusedError(UNAVAILABLE, message, {"Retry-After": "10"})
-            self.task, self.status, self.result = task, RUNNING, None
-            self.begun = time.monotonic()
-        threading.Thread(target=self._run, args=(task,), name="calibration", daemon=True).start()
+            self._newest = started = StartedCalibration(task, time.monotonic())
+        threading.Thread(target=self._run, args=(started,), name="calibration", daemon=True).start()
 
     def document(self, axis: str) -> dict[str, Any] | None:
         """Status and result of the newest calibration, if it is one of this axis."""
-        task = self.task
-        if task is None or task.axis != axis:
+        newest = self._newest
+        if newest is None or newest.task.axis != axis:
             return None
-        ended = time.monotonic() if self.status == RUNNING else self.ended
-        is_done = self.status == DONE
+        ended = time.monotonic() if newest.ended is None else newest.ended
+        is_done = newest.status == DONE
         return {
-            "status": self.status,
-            "runs": list(task.runs),
-            "seconds": round(ended - self.begun, 1),
-            "model": self.result if is_done else None,
-            "error": None if is_done else self.result,
+            "status": newest.status,
+            "runs": list(newest.task.runs),
+            "seconds": round(ended - newest.begun, 1),
+            "model": newest.result if is_done else None,
+            "error": None if is_done else newest.result,
         }
 
-    def _run(self, task: CalibrationTask) -> None:
+    def _run(self, started: StartedCalibration) -> None:
         """Run the process until its result, its time limit, or the stop of the service."""
         context = multiprocessing.get_context("spawn")
         pipe, other = context.Pipe(duplex=False)
-        process = context.Process(target=self.target, args=(other, task), name="ballscrew calibration")
+        process = context.Process(
+            target=self.target, args=(other, started.task), name="ballscrew calibration"
+        )
         try:
             process.start()
             other.close()
-            status, result = self._receive(pipe)
+            status, result = self._receive(pipe, started.begun)
         except Exception as error:  # noqa: BLE001  whatever it is, another calibration can begin
             status, result = FAILED, f"the calibration failed: {error}."
         finally:
@@ -199,16 +224,15 @@ class Calibrator:
                 process.kill()
                 process.join(_STOP)
             pipe.close()
-        self.ended = time.monotonic()
-        self.result, self.status = result, status
+        self._newest = replace(started, status=status, result=result, ended=time.monotonic())
         self.service.announce()
 
-    def _receive(self, pipe: Connection) -> tuple[str, Any]:
+    def _receive(self, pipe: Connection, begun: float) -> tuple[str, Any]:
         limit = self.service.settings.lease_s
         while not pipe.poll(_TICK):
             if self.service.stopping.is_set():
                 return FAILED, "the server stops."
-            if time.monotonic() > self.begun + limit:
+            if time.monotonic() > begun + limit:
                 return FAILED, f"the calibration took longer than {limit:g} s and was ended."
         try:
             answer: tuple[str, Any] = pipe.recv()

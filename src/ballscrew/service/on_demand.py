@@ -232,7 +232,14 @@ def _remove_oldest(folder: Path, limit: int) -> None:
     for number, (_, size, path) in enumerate(sorted(found, reverse=True)):
         total += size
         if number > 0 and total > limit:
-            shutil.rmtree(path, ignore_errors=True)
+            _remove(path)
+
+
+def _remove(path: Path) -> None:
+    """Remove a result whole: who reads it has all of its files, or no folder."""
+    folder = tempfile.TemporaryDirectory(prefix="removing-", dir=path.parent, ignore_cleanup_errors=True)
+    with folder as target, suppress(OSError):  # on Windows one that is being read stays
+        path.rename(Path(target) / path.name)
 
 
 def not_yet(sentence: str) -> JSONResponse:

@@ -20,6 +20,7 @@ from starlette.concurrency import run_in_threadpool
 
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.base.result import not_executed
 from ballscrew.service.access import AdminCaller, AnyCaller, Caller, RunningService
 from ballscrew.service.jobs import ANALYSE, ASSESS, enqueue, job_documents
 from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_documents
@@ -182,7 +183,8 @@ def show_history(
         stream = io.StringIO()
         writer = csv.DictWriter(stream, _COLUMNS, lineterminator="\n")
         writer.writeheader()
-        writer.writerows(rows)
+        for row in rows:
+            writer.writerow({name: not_executed(value) for name, value in row.items()})
         return Response(stream.getvalue(), media_type="text/csv")
     if find_spec("pyarrow") is None:
         raise InputError("Parquet needs pyarrow on the server: python -m pip install 'ballscrew[parquet]'.")

@@ -108,14 +108,13 @@ def show_response(
             raise RefusedError(404, f"the run has {len(result.cells)} cells, and none of the number {cell}.")
         task = _response_task(session, found, str(service.store.folder.files.resolve()))
     folder = results.find(digest(task.stated)[:32], task)
-    if folder is None:
-        return not_yet("the FRF is being computed from the raw files.")
     chosen = result.cells[cell]
-    path = folder / _cell_file(*chosen.key)
-    if not path.exists():
+    document = _read_cell(folder, _cell_file(*chosen.key))
+    if document is None:
+        return not_yet("the FRF is being computed from the raw files.")
+    if not document:
         reasons = (*chosen.reasons, *result.quality.reasons, "nothing was measured")
         raise RefusedError(404, f"the cell has no FRF: {reasons[0]}")
-    document = json.loads(path.read_text())
     coherence = np.clip(np.array(document["coherence"], dtype=np.float64).mean(axis=0), 1e-6, 1.0)
     spread = np.sqrt((1 - coherence) / (2 * max(chosen.repetitions, 1) * coherence))
     own = {
@@ -126,6 +125,17 @@ def show_response(
     }  # fmt: skip
     answer: dict[str, Any] = document | plain(own, 6)
     return answer
+
+
+def _read_cell(folder: Path | None, name: str) -> dict[str, Any] | None:
+    """FRF of a cell, empty where it has none; None where there is no result, or it was just removed."""
+    if folder is None:
+        return None
+    try:
+        document: dict[str, Any] = json.loads((folder / name).read_text())
+    except FileNotFoundError:
+        return {} if folder.is_dir() else None
+    return document
 
 
 def _response_task(session: Session, found: StoredRun, folder: str) -> ResponseTask:

@@ -10,7 +10,7 @@ from sqlalchemy import ColumnElement, Select, or_, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from ballscrew.base.errors import shown
-from ballscrew.service.runs import document_texts
+from ballscrew.service.runs import CONFLICT, document_texts
 from ballscrew.service.serving import RefusedError
 from ballscrew.store.methods import used_result
 from ballscrew.store.reading import current_rows, run_versions
@@ -115,7 +115,7 @@ def locate_run(
     if len(names) > 1:
         sentence = f"several runs have an id that begins with {shown(text)}; give more of it."
         raise RefusedError(AMBIGUOUS, sentence, document={"runs": names})
-    return _stored_run(session, names[0])
+    return _stored_run(session, names[0], of_axes)
 
 
 def _names(session: Session, text: str, of_axes: Select[int], *, of_contents: bool, whole: bool) -> list[str]:
@@ -123,10 +123,18 @@ def _names(session: Session, text: str, of_axes: Select[int], *, of_contents: bo
     found = select(RunRow.run).where(_matches(RunRow.run, text, whole=whole), RunRow.axis_id.in_(of_axes))
     names = dict.fromkeys(session.scalars(found.order_by(RunRow.id).limit(_MOST)))
     if of_contents:
-        sent = select(Upload.run, Upload.content).where(_matches(Upload.content, text, whole=whole))
-        sent = sent.where(Upload.axis_id.in_(of_axes)).order_by(Upload.id).limit(_MOST)
-        names |= dict.fromkeys(run or content for run, content in session.execute(sent))
+        names |= dict.fromkeys(_names_of_contents(session, text, of_axes, whole=whole))
     return list(names)
+
+
+def _names_of_contents(session: Session, text: str, of_axes: Select[int], *, whole: bool) -> list[str]:
+    """Ids of the runs of contents, and of contents without a result: a conflict is not the run it names."""
+    found = select(Upload).where(_matches(Upload.content, text, whole=whole), Upload.axis_id.in_(of_axes))
+    runs: dict[str, str | None] = {}
+    for upload in session.scalars(found.order_by(Upload.id).limit(_MOST)):
+        run = upload.run if upload.status != CONFLICT else None
+        runs[upload.content] = runs.get(upload.content) or run
+    return [run or content for content, run in runs.items()]
 
 
 def _matches(column: InstrumentedAttribute[str], text: str, *, whole: bool) -> ColumnElement[bool]:
@@ -135,10 +143,12 @@ def _matches(column: InstrumentedAttribute[str], text: str, *, whole: bool) -> C
     return column.startswith(text, autoescape=True)
 
 
-def _stored_run(session: Session, name: str) -> StoredRun:
-    row = session.scalar(select(RunRow).where(RunRow.run == name))
+def _stored_run(session: Session, name: str, of_axes: Select[int]) -> StoredRun:
+    """Run of a name with what was sent, of these axes alone: another axis can have sent its id."""
+    row = session.scalar(select(RunRow).where(RunRow.run == name, RunRow.axis_id.in_(of_axes)))
     of_run = or_(Upload.content == name, Upload.run == name)
-    sent = tuple(session.scalars(select(Upload).where(of_run).order_by(Upload.id)))
+    found = select(Upload).where(of_run, Upload.axis_id.in_(of_axes))
+    sent = tuple(session.scalars(found.order_by(Upload.id)))
     axis = row.axis_id if row is not None else sent[0].axis_id
     return StoredRun(session.get_one(Axis, axis), row, sent)
 

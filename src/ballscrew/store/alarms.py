@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, false, or_, select, true
 from sqlalchemy.orm import Session
 
 from ballscrew.base.reasons import coded_reason
@@ -31,15 +31,39 @@ def alarm_documents(session: Session, axis: Axis | None = None) -> list[dict[str
     list of dict
         As ``GET /api/v1/alarms`` answers.
     """
+    if axis is None:
+        return _documents(session, true(), true())
+    return _documents(session, AlarmRow.axis_id == axis.id, Trouble.axis_id == axis.id)
+
+
+def standing_alarms(session: Session) -> list[dict[str, Any]]:
+    """Alarms and troubles that have not ended and were not closed, the newest first."""
+    found = _documents(session, AlarmRow.retracted_at.is_(None), Trouble.ended_at.is_(None))
+    return [each for each in found if each["state"] not in ENDED]
+
+
+def alarm_document(session: Session, row: AlarmRow | Trouble) -> dict[str, Any]:
+    """An alarm or a trouble with its state, as :func:`alarm_documents` has it."""
+    if isinstance(row, AlarmRow):
+        return _documents(session, AlarmRow.id == row.id, false())[0]
+    return _documents(session, false(), Trouble.id == row.id)[0]
+
+
+def _documents(
+    session: Session, of_alarms: ColumnElement[bool], of_troubles: ColumnElement[bool]
+) -> list[dict[str, Any]]:
+    """Alarms and troubles that fulfil conditions, and no others: a store has thousands that have ended."""
+    alarms = select(AlarmRow, Axis.name).join(Axis, Axis.id == AlarmRow.axis_id).where(of_alarms)
+    troubles = select(Trouble, Axis.name).join(Axis, Axis.id == Trouble.axis_id).where(of_troubles)
+    taken = or_(
+        AlarmAction.alarm_id.in_(select(AlarmRow.id).where(of_alarms)),
+        AlarmAction.trouble_id.in_(select(Trouble.id).where(of_troubles)),
+    )
     actions: dict[str, list[AlarmAction]] = {}
-    for action in session.scalars(select(AlarmAction).order_by(AlarmAction.id)):
+    for action in session.scalars(select(AlarmAction).where(taken).order_by(AlarmAction.id)):
         subject = f"alarm-{action.alarm_id}" if action.alarm_id else f"trouble-{action.trouble_id}"
         actions.setdefault(subject, []).append(action)
     found = []
-    alarms = select(AlarmRow, Axis.name).join(Axis, Axis.id == AlarmRow.axis_id)
-    troubles = select(Trouble, Axis.name).join(Axis, Axis.id == Trouble.axis_id)
-    if axis is not None:
-        alarms, troubles = alarms.where(Axis.id == axis.id), troubles.where(Axis.id == axis.id)
     for alarm, name in session.execute(alarms):
         common = _text_document(f"alarm-{alarm.id}", name, "axis", "Loss of preload.")
         found.append(common | _state_document(alarm, alarm.retracted_at, "retracted", actions))
@@ -47,11 +71,6 @@ def alarm_documents(session: Session, axis: Axis | None = None) -> list[dict[str
         common = _text_document(f"trouble-{trouble.id}", name, trouble.kind, trouble.text)
         found.append(common | _state_document(trouble, trouble.ended_at, "ended", actions, common["id"]))
     return sorted(found, key=lambda each: str(each["raised_at"]), reverse=True)
-
-
-def standing_alarms(session: Session) -> list[dict[str, Any]]:
-    """Alarms and troubles that have not ended and were not closed, the newest first."""
-    return [each for each in alarm_documents(session) if each["state"] not in ENDED]
 
 
 def _text_document(name: str, axis: str, kind: str, text: str) -> dict[str, Any]:

@@ -246,6 +246,12 @@ def test_the_report_of_an_axis_is_a_file_with_its_headline(client: TestClient) -
     assert '"' not in hostile.headers["Content-Disposition"]
 
 
+def test_a_report_does_not_wait_for_its_turn(client: TestClient, service: Service) -> None:
+    with service.computing("this test"):
+        answer = client.get("/axes/bench/report.pdf")
+    assert (answer.status_code, answer.headers["Retry-After"]) == (503, "10")
+
+
 @pytest.mark.parametrize(("path", "status"), [("none/report.html", 404), ("bench/report.exe", 422)])
 def test_a_report_that_cannot_be_made_is_refused(client: TestClient, path: str, status: int) -> None:
     assert client.get(f"/axes/{path}").status_code == status

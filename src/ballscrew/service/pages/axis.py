@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -29,7 +28,6 @@ router = APIRouter(include_in_schema=False)
 
 _ROWS = 100  # runs in the table, unless all are asked for
 _TYPES = {"html": "text/html; charset=utf-8", "pdf": "application/pdf"}
-_REPORTS = threading.Lock()  # one at a time: each assesses an axis, and draws
 
 
 @router.get("/axes/{axis:path}/report.{kind}")
@@ -39,11 +37,11 @@ def send_report(
     caller: AdminCaller,  # noqa: ARG001
     service: RunningService,
 ) -> Response:
-    """Report of an axis as a file."""
+    """Report of an axis as a file; 503 while another request computes: no thread waits for its turn."""
     with service.store.read() as session:
         if session.scalar(select(Axis.id).where(Axis.name == axis)) is None:
             raise RefusedError(404, f"there is no axis {shown(axis)}.")
-    with _REPORTS, tempfile.TemporaryDirectory(prefix="ballscrew-") as folder:
+    with service.computing("a report"), tempfile.TemporaryDirectory(prefix="ballscrew-") as folder:
         path = Path(folder) / f"report.{kind}"
         report(service.store, axis, out=path)
         content = path.read_bytes()

@@ -11,6 +11,7 @@ from fastapi.responses import HTMLResponse, Response
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.base.errors import BallscrewError, InputError
 from ballscrew.base.jsonfile import write_json
+from ballscrew.base.provenance import digest
 from ballscrew.base.words import without_repeats
 from ballscrew.calibration.calibrated_axis import UNITS, CalibratedAxis
 from ballscrew.calibration.modelfile import model_from_json
@@ -63,6 +64,8 @@ def post_calibration(
             found = calibrator.document(axis)
             if found is None or found["model"] is None:
                 raise InputError("there is no calibration to use; calibrate the axis first.")
+            if digest(found["model"]) != form.get("model"):
+                raise InputError("another calibration has ended since this page was loaded; read it first.")
             add_axis_model(axis, found["model"], caller, service, use=True)
             return go_to(address_of(axis, "calibration"), "use")
         runs = form.getlist("run")
@@ -100,11 +103,12 @@ def _page(
     if len(runs) > 2 * _LISTED:
         listed = runs[:_LISTED] + runs[-_LISTED:]
     found = calibrator.document(axis)
-    report = None
+    report, shown_digest = None, ""
     if found is not None and found["model"] is not None:
         times = {run["run"]: run["measured_at"] or run["run"][:_ID] for run in document["runs"]}
         model = model_from_json(found["model"], "MODEL.json")
         report = report_of(model, times, language_of(request))
+        shown_digest = digest(found["model"])
     chosen: set[str] = set()
     if hasattr(outcome.values, "getlist"):
         chosen = set(outcome.values.getlist("run"))
@@ -119,6 +123,7 @@ def _page(
         most=MOST_RUNS,
         chosen=chosen,
         found=found,
+        digest=shown_digest,
         report=report,
         outcome=outcome,
         done=request.query_params.get("done", ""),

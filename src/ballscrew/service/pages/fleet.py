@@ -9,7 +9,7 @@ from typing import Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
-from sqlalchemy import Integer, cast, select
+from sqlalchemy import BigInteger, cast, select
 from sqlalchemy.orm import Session
 
 from ballscrew.service.access import AdminCaller, RunningService
@@ -61,13 +61,14 @@ def _by_urgency(axis: dict[str, Any]) -> tuple[Any, ...]:
 
 def _strips(session: Session, begin: float) -> dict[str, list[tuple[int, int, str]]]:
     """States of each axis by week: first week, number of weeks, worst state; by the name of the axis."""
-    week = cast((StateRow.time - begin) / _WEEK, Integer)
+    # Of whole seconds, since a cast of weeks rounds up in PostgreSQL, which also groups by a label alone.
+    week = (cast(StateRow.time - begin, BigInteger) // _WEEK).label("week")
     found = session.execute(
         select(Axis.name, week, StateRow.state)
         .join(Axis, Axis.id == StateRow.axis_id)
         .where(StateRow.time >= begin)
-        .group_by(Axis.name, week, StateRow.state)
-        .order_by(Axis.name, week)
+        .group_by(Axis.name, "week", StateRow.state)
+        .order_by(Axis.name, "week")
     )
     strips = {}
     for name, rows in groupby(found, key=lambda row: row[0]):
