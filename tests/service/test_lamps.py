@@ -12,7 +12,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 from tests.monitoring.histories import at, history
 from tests.service.conftest import SETUP, client_of, send, work_off
-from tests.store.stored import MODEL
+from tests.store.stored import MODEL, RUNS
 
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.modal.run import Run
@@ -22,7 +22,7 @@ from ballscrew.service.alarms import watch_for_silence
 from ballscrew.service.serving import Service
 from ballscrew.store.adding import add_run
 from ballscrew.store.lamps import URGENCY, add_lamps
-from ballscrew.store.tables import Setup
+from ballscrew.store.tables import Assessment, Axis, Setup
 
 NEWEST = moment(at(21.0), "a run")
 SCHEDULE = {"period_s": 3 * 86400.0, "grace_s": 86400.0}
@@ -92,6 +92,43 @@ def test_an_alarm_and_a_watch_stay_visible_without_data(lamp: Lamp, service: Ser
     set_schedule(service, SCHEDULE)
     for state in ("alarm", "watch", "unloaded", "suspect"):
         assert lamp(365.0, state)["lamp"]["state"] == state
+
+
+def test_the_measurement_is_good_only_with_a_recent_run(lamp: Lamp, service: Service) -> None:
+    for schedule, because in ((None, "old"), (SCHEDULE, "overdue")):
+        set_schedule(service, schedule)
+        for state in URGENCY:
+            assert lamp(1.0, state)["measurement"] == {"troubles": [], "recent": True, "because": None}
+            found = lamp(270.0, state)["measurement"]
+            assert found == {"troubles": [], "recent": False, "because": because}
+
+
+def test_an_axis_without_a_run_has_no_good_measurement(client: TestClient, service: Service) -> None:
+    for runs, words in (((), "no run yet"), (RUNS[:1], "not assessed")):
+        for run in runs:
+            add_run(service.store, run)
+        (axis,) = client.get("/api/v1/axes").json()["axes"]
+        for found in (axis, client.get("/api/v1/axes/bench").json()):
+            assert found["measurement"] == {"troubles": [], "recent": False, "because": "no run"}
+        for page in (client.get("/").text, client.get("/axes/bench").text):
+            assert 'class="lamp sound"' not in page
+            assert f"○</span> {words}</span>" in page
+
+
+def test_an_alarm_whose_newest_run_is_old_has_no_good_measurement(
+    client: TestClient, service: Service
+) -> None:
+    assess(service, RUNS)
+    with service.store.write("test") as session:
+        session.scalars(select(Assessment)).one().newest_at = at(-365.0)
+        session.scalars(select(Axis)).one().changed_at = None
+    (axis,) = client.get("/api/v1/axes").json()["axes"]
+    assert (axis["lamp"]["state"], axis["measurement"]["because"]) == ("alarm", "old")
+    for page in (client.get("/").text, client.get("/axes/bench").text):
+        assert 'class="lamp alarm' in page
+        assert 'class="lamp sound"' not in page
+        assert "○</span> no recent run</span>" in page
+    assert "Run the test: the newest run is too old" in page
 
 
 def test_no_state_is_green_without_data(lamp: Lamp, service: Service) -> None:

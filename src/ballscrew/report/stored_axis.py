@@ -31,8 +31,10 @@ _NEWEST = 30  # runs in the table
 _BECAUSE = {
     "overdue": "its run is overdue",
     "old": "last run is old",
+    "no run": "it has no run",
     "set aside": "its newest run was set aside",
 }
+_OLD = ("overdue", "old")
 _TROUBLES = {"silence": "no run", "measurement": "bad", "assessment": "cannot be assessed"}
 _ROWS = (2.0, 0.9, 1.3)  # heights of the rows of a picture that is less high than by itself
 _DAY = len("2026-01-31")
@@ -124,7 +126,11 @@ def measurement_words(axis: StoredAxis) -> str:
         return "; ".join(found)
     if not axis.counting:
         return NONE
-    return axis.counting[-1]["quality"] or "no result"
+    because = axis.document["measurement"]["because"]
+    if because in _OLD:
+        return "no recent run"
+    quality = axis.counting[-1]["quality"] or "no result"
+    return f"{quality}, not assessed" if because else quality
 
 
 def due_words(axis: StoredAxis) -> str:
@@ -133,7 +139,7 @@ def due_words(axis: StoredAxis) -> str:
     if due is None:
         return "no schedule"
     words = _unbroken(utc_minute(due))
-    if axis.document["lamp"]["because"] == "overdue":
+    if axis.document["measurement"]["because"] == "overdue":
         return f"{words}, overdue"
     return words
 
@@ -227,9 +233,9 @@ def _conclusion(axis: StoredAxis) -> StateWords:
 
 def _actions(axis: StoredAxis) -> list[str]:
     found = [f"Measurement: {each['text']}" for each in axis.troubles]
-    if axis.document["lamp"]["because"] in ("overdue", "old"):
+    if axis.document["measurement"]["because"] in _OLD:
         found.append("Run the test: nothing is known of the axis since its last run.")
-    elif axis.explained:
+    if axis.explained and axis.document["lamp"]["because"] not in _OLD:
         found += axis.explained["actions"]
     return [*found, axis.why] if axis.why else found
 

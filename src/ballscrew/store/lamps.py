@@ -25,6 +25,8 @@ _STALE = timedelta(days=31)  # age of the newest run beyond which an axis withou
 def add_lamps(session: Session, documents: Sequence[dict[str, Any]], at: datetime) -> None:
     """Add ``lamp``, ``measurement`` and ``due_at`` to documents of axes.
 
+    ``measurement`` has the troubles that stand, and whether the newest run is ``recent``, else ``because``.
+
     Parameters
     ----------
     session : Session
@@ -44,8 +46,15 @@ def add_lamps(session: Session, documents: Sequence[dict[str, Any]], at: datetim
         number = numbers[document["axis"]]
         setup = setups.get(number)
         document["due_at"] = due_at(setup, document["newest_at"])
-        document["measurement"] = {"troubles": troubles.get(number, [])}
-        document["lamp"] = _lamp(document, setup, at, is_unassessed=number in unassessed)
+        because = _why_not_recent(document, setup, at)
+        document["measurement"] = {
+            "troubles": troubles.get(number, []),
+            "recent": because is None,
+            "because": because,
+        }
+        if because is None and number in unassessed:
+            because = "set aside"
+        document["lamp"] = _lamp(document["state"], because)
 
 
 def _axes(session: Session) -> tuple[dict[str, int], set[int]]:
@@ -68,20 +77,20 @@ def due_at(setup: Setup | None, newest: str | None) -> str | None:
     return (last + timedelta(seconds=setup.period_s)).isoformat()
 
 
-def _lamp(
-    document: dict[str, Any], setup: Setup | None, at: datetime, *, is_unassessed: bool
-) -> dict[str, Any]:
-    """State of the machine now: that of its newest assessment, or unknown without a recent one."""
-    state = document["state"]
-    if state in _REMAINING:
-        return {"state": state, "because": None}
-    if is_unassessed:
-        return {"state": "unknown", "because": "set aside"}
+def _why_not_recent(document: dict[str, Any], setup: Setup | None, at: datetime) -> str | None:
+    """Why the newest run of an axis does not show its present state; None where it does."""
+    if document["newest_at"] is None:
+        return "no run"
     if document["due_at"] is not None:
         grace = timedelta(seconds=(setup.grace_s or 0.0) if setup is not None else 0.0)
         limit, because = moment(document["due_at"], "due_at") + grace, "overdue"
     else:
         limit, because = moment(document["newest_at"], "newest_at") + _STALE, "old"
-    if at > limit:
-        return {"state": "unknown", "because": because}
-    return {"state": state, "because": None}
+    return because if at > limit else None
+
+
+def _lamp(state: str, because: str | None) -> dict[str, Any]:
+    """State of the machine now: that of its newest assessment, or unknown without a recent one."""
+    if because is None or state in _REMAINING:
+        return {"state": state, "because": None}
+    return {"state": "unknown", "because": because}
