@@ -103,6 +103,22 @@ def test_the_measurement_is_good_only_with_a_recent_run(lamp: Lamp, service: Ser
             assert found == {"troubles": [], "recent": False, "because": because}
 
 
+@pytest.mark.parametrize("schedule", [None, SCHEDULE])
+@pytest.mark.parametrize("ahead_s", [240.0, 360.0, 9 * 365 * 86400.0])
+def test_a_newest_run_in_the_future_does_not_make_a_lamp_green(
+    lamp: Lamp, service: Service, schedule: dict[str, float] | None, ahead_s: float
+) -> None:
+    set_schedule(service, schedule)
+    found = lamp(-ahead_s / 86400)
+    if ahead_s < 300:
+        assert (found["lamp"]["state"], found["measurement"]["recent"]) == ("normal", True)
+        return
+    assert found["lamp"] == {"state": "unknown", "because": "future"}
+    assert found["measurement"] == {"troubles": [], "recent": False, "because": "future"}
+    assert found["due_at"] is None
+    assert lamp(-ahead_s / 86400, "alarm")["lamp"]["state"] == "alarm"
+
+
 def test_an_axis_without_a_run_has_no_good_measurement(client: TestClient, service: Service) -> None:
     for runs, words in (((), "no run yet"), (RUNS[:1], "not assessed")):
         for run in runs:

@@ -12,11 +12,9 @@ from sqlalchemy.orm import Session
 from ballscrew.base.errors import InputError
 from ballscrew.monitoring.epochs import moment
 from ballscrew.store.changing import SERVER, insert_exclusion
+from ballscrew.store.lamps import CLOCK_TOLERANCE
 from ballscrew.store.reading import current_rows
 from ballscrew.store.tables import Axis, Exclusion, RecordingRow, ResultRow, RunRow, Upload
-
-CLOCK_TOLERANCE = 300.0
-"""Time by which a run may be measured after its receipt, s: clocks differ."""
 
 FAR = 366 * 24 * 3600.0
 """A time that differs by more from the receipt and from every other run of the axis is doubtful, s: a clock

@@ -18,6 +18,9 @@ URGENCY = {
 }  # fmt: skip
 """Order of states, the most urgent first."""
 
+CLOCK_TOLERANCE = 300.0
+"""Time by which a run may be measured after its receipt, s: clocks differ."""
+
 _REMAINING = ("alarm", "unloaded", "watch", "suspect", "not assessed", "unknown")
 _STALE = timedelta(days=31)  # age of the newest run beyond which an axis without a schedule is unknown
 
@@ -45,8 +48,9 @@ def add_lamps(session: Session, documents: Sequence[dict[str, Any]], at: datetim
     for document in documents:
         number = numbers[document["axis"]]
         setup = setups.get(number)
-        document["due_at"] = due_at(setup, document["newest_at"])
-        because = _why_not_recent(document, setup, at)
+        is_future = _is_future(document["newest_at"], at)
+        document["due_at"] = None if is_future else due_at(setup, document["newest_at"])
+        because = "future" if is_future else _why_not_recent(document, setup, at)
         document["measurement"] = {
             "troubles": troubles.get(number, []),
             "recent": because is None,
@@ -75,6 +79,11 @@ def due_at(setup: Setup | None, newest: str | None) -> str | None:
         return None
     last = max(moment(each, "a run") for each in (newest, setup.set_up_at) if each is not None)
     return (last + timedelta(seconds=setup.period_s)).isoformat()
+
+
+def _is_future(newest: str | None, at: datetime) -> bool:
+    """Whether the newest run is later than the present: its time shows neither its age nor the next run."""
+    return newest is not None and moment(newest, "newest_at") > at + timedelta(seconds=CLOCK_TOLERANCE)
 
 
 def _why_not_recent(document: dict[str, Any], setup: Setup | None, at: datetime) -> str | None:
