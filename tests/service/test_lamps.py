@@ -11,7 +11,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 from tests.monitoring.histories import at, history
-from tests.service.conftest import SETUP, client_of, send, work_off
+from tests.service.conftest import SETUP, NewService, client_of, send, work_off
 from tests.store.stored import MODEL, RUNS
 
 from ballscrew.calibration.modelfile import model_json
@@ -21,7 +21,7 @@ from ballscrew.recording.quality.finding import Quality
 from ballscrew.service.alarms import watch_for_silence
 from ballscrew.service.serving import Service
 from ballscrew.store.adding import add_run
-from ballscrew.store.lamps import URGENCY, add_lamps
+from ballscrew.store.lamps import EVERY_DAY, URGENCY, RunCalendar, add_lamps
 from ballscrew.store.tables import Assessment, Axis, Setup
 
 NEWEST = moment(at(21.0), "a run")
@@ -35,10 +35,10 @@ Lamp = Callable[..., dict[str, Any]]
 def lamp(client: TestClient, service: Service) -> Lamp:  # noqa: ARG001  it sets the axis up
     """Lamp of an axis of a state, a number of days after its newest run."""
 
-    def show(days: float, state: str = "normal") -> dict[str, Any]:
+    def show(days: float, state: str = "normal", calendar: RunCalendar = EVERY_DAY) -> dict[str, Any]:
         document = {"axis": "bench", "state": state, "newest_at": NEWEST.isoformat()}
         with service.store.read() as session:
-            add_lamps(session, [document], NEWEST + timedelta(days=days))
+            add_lamps(session, [document], NEWEST + timedelta(days=days), calendar)
         return document
 
     return show
@@ -86,6 +86,35 @@ def test_an_axis_without_a_schedule_is_unknown_once_its_newest_run_is_old(
     found = lamp(days)["lamp"]
     assert (found["state"] == "unknown") == is_unknown
     assert found["because"] == ("old" if is_unknown else None)
+
+
+@pytest.mark.parametrize("state", ["normal", "alarm"])
+def test_no_lamp_is_overdue_because_of_a_weekend(lamp: Lamp, service: Service, state: str) -> None:
+    """The newest run is of a Thursday."""
+    set_schedule(service, {"period_s": 2 * 86400.0, "grace_s": 3600.0})
+    week = RunCalendar(weekdays=tuple(range(5)))
+    assert lamp(3.0, state)["measurement"]["recent"] is False
+    found = lamp(3.0, state, week)
+    assert (found["lamp"]["state"], found["measurement"]["recent"]) == (state, True)
+    assert found["due_at"] == (NEWEST + timedelta(days=4)).isoformat()  # Monday
+    assert lamp(4.1, state, week)["measurement"]["because"] == "overdue"
+
+
+def test_the_lamps_of_the_server_have_its_holidays(new_service: NewService) -> None:
+    now = datetime.now(UTC)
+    days = tuple((now - timedelta(days=day)).date() for day in range(-1, 9))
+    for holidays, because in (((), "overdue"), (days, None)):
+        service = new_service(holidays=holidays)
+        with client_of(service) as client:
+            client.put("/api/v1/axes/bench", json=SETUP)
+            assess(service, RUNS[:4])
+            set_schedule(service, SCHEDULE)
+            with service.store.write("test") as session:
+                session.scalars(select(Setup)).one().set_up_at = (now - timedelta(days=8)).isoformat()
+            (axis,) = client.get("/api/v1/axes").json()["axes"]
+            for found in (axis, client.get("/api/v1/axes/bench").json()):
+                assert found["measurement"]["because"] == because
+            assert ("its run is overdue" in client.get("/axes/bench/report.html").text) == bool(because)
 
 
 def test_an_alarm_and_a_watch_stay_visible_without_data(lamp: Lamp, service: Service) -> None:
