@@ -144,6 +144,25 @@ def test_a_time_far_from_all_others_is_doubtful(client: TestClient, first: bool)
     assert standing(client) == []  # a person has decided
 
 
+@pytest.mark.parametrize("done", ["corrected", "excluded"])
+def test_a_run_that_no_longer_counts_makes_no_clock_right(client: TestClient, done: str) -> None:
+    """Of a clock without a battery, the first run of the axis is not doubtful, and a person has to act."""
+    first = send_result(client, 0, measured_at="2000-01-01T00:01:00+00:00").json()
+    assert first["doubt"] is None
+    url = f"/api/v1/axes/bench/runs/{RUNS[0].id}"
+    if done == "corrected":
+        client.post(f"{url}/correct", json={"measured_at": RUNS[0].measured_at, "reason": "battery"})
+    else:
+        client.post(f"{url}/exclusion", json={"reason": "battery"})
+    assert send_result(client, 1).json()["doubt"] is None
+    assert (
+        "from every other run"
+        in send_result(client, 2, measured_at="2000-01-01T00:02:00+00:00").json()["doubt"]
+    )
+    text = RUN_TOML.replace("2026-01-01T08:00:00Z", '"2000-01-01T00:03:00+00:00"')
+    assert "from every other run" in send(client, run_toml=text).json()["doubt"]  # before its analysis
+
+
 def test_a_run_after_a_long_pause_is_not_doubtful(client: TestClient) -> None:
     send_result(client, 0, measured_at="2020-01-01T00:00:00+00:00")
     assert send_result(client, 1, measured_at=datetime.now(UTC).isoformat()).json()["doubt"] is None

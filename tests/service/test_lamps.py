@@ -11,8 +11,8 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 from tests.monitoring.histories import at, history
-from tests.service.conftest import SETUP, client_of, send, work_off
-from tests.store.stored import MODEL
+from tests.service.conftest import SETUP, NewService, client_of, send, work_off
+from tests.store.stored import MODEL, RUNS
 
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.modal.run import Run
@@ -21,8 +21,8 @@ from ballscrew.recording.quality.finding import Quality
 from ballscrew.service.alarms import watch_for_silence
 from ballscrew.service.serving import Service
 from ballscrew.store.adding import add_run
-from ballscrew.store.lamps import URGENCY, add_lamps
-from ballscrew.store.tables import Setup
+from ballscrew.store.lamps import EVERY_DAY, URGENCY, RunCalendar, add_lamps
+from ballscrew.store.tables import Assessment, Axis, Setup
 
 NEWEST = moment(at(21.0), "a run")
 SCHEDULE = {"period_s": 3 * 86400.0, "grace_s": 86400.0}
@@ -35,10 +35,10 @@ Lamp = Callable[..., dict[str, Any]]
 def lamp(client: TestClient, service: Service) -> Lamp:  # noqa: ARG001  it sets the axis up
     """Lamp of an axis of a state, a number of days after its newest run."""
 
-    def show(days: float, state: str = "normal") -> dict[str, Any]:
+    def show(days: float, state: str = "normal", calendar: RunCalendar = EVERY_DAY) -> dict[str, Any]:
         document = {"axis": "bench", "state": state, "newest_at": NEWEST.isoformat()}
         with service.store.read() as session:
-            add_lamps(session, [document], NEWEST + timedelta(days=days))
+            add_lamps(session, [document], NEWEST + timedelta(days=days), calendar)
         return document
 
     return show
@@ -88,10 +88,92 @@ def test_an_axis_without_a_schedule_is_unknown_once_its_newest_run_is_old(
     assert found["because"] == ("old" if is_unknown else None)
 
 
+@pytest.mark.parametrize("state", ["normal", "alarm"])
+def test_no_lamp_is_overdue_because_of_a_weekend(lamp: Lamp, service: Service, state: str) -> None:
+    """The newest run is of a Thursday."""
+    set_schedule(service, {"period_s": 2 * 86400.0, "grace_s": 3600.0})
+    week = RunCalendar(weekdays=tuple(range(5)))
+    assert lamp(3.0, state)["measurement"]["recent"] is False
+    found = lamp(3.0, state, week)
+    assert (found["lamp"]["state"], found["measurement"]["recent"]) == (state, True)
+    assert found["due_at"] == (NEWEST + timedelta(days=4)).isoformat()  # Monday
+    assert lamp(4.1, state, week)["measurement"]["because"] == "overdue"
+
+
+def test_the_lamps_of_the_server_have_its_holidays(new_service: NewService) -> None:
+    now = datetime.now(UTC)
+    days = tuple((now - timedelta(days=day)).date() for day in range(-1, 9))
+    for holidays, because in (((), "overdue"), (days, None)):
+        service = new_service(holidays=holidays)
+        with client_of(service) as client:
+            client.put("/api/v1/axes/bench", json=SETUP)
+            assess(service, RUNS[:4])
+            set_schedule(service, SCHEDULE)
+            with service.store.write("test") as session:
+                session.scalars(select(Setup)).one().set_up_at = (now - timedelta(days=8)).isoformat()
+            (axis,) = client.get("/api/v1/axes").json()["axes"]
+            for found in (axis, client.get("/api/v1/axes/bench").json()):
+                assert found["measurement"]["because"] == because
+            assert ("its run is overdue" in client.get("/axes/bench/report.html").text) == bool(because)
+
+
 def test_an_alarm_and_a_watch_stay_visible_without_data(lamp: Lamp, service: Service) -> None:
     set_schedule(service, SCHEDULE)
     for state in ("alarm", "watch", "unloaded", "suspect"):
         assert lamp(365.0, state)["lamp"]["state"] == state
+
+
+def test_the_measurement_is_good_only_with_a_recent_run(lamp: Lamp, service: Service) -> None:
+    for schedule, because in ((None, "old"), (SCHEDULE, "overdue")):
+        set_schedule(service, schedule)
+        for state in URGENCY:
+            assert lamp(1.0, state)["measurement"] == {"troubles": [], "recent": True, "because": None}
+            found = lamp(270.0, state)["measurement"]
+            assert found == {"troubles": [], "recent": False, "because": because}
+
+
+@pytest.mark.parametrize("schedule", [None, SCHEDULE])
+@pytest.mark.parametrize("ahead_s", [240.0, 360.0, 9 * 365 * 86400.0])
+def test_a_newest_run_in_the_future_does_not_make_a_lamp_green(
+    lamp: Lamp, service: Service, schedule: dict[str, float] | None, ahead_s: float
+) -> None:
+    set_schedule(service, schedule)
+    found = lamp(-ahead_s / 86400)
+    if ahead_s < 300:
+        assert (found["lamp"]["state"], found["measurement"]["recent"]) == ("normal", True)
+        return
+    assert found["lamp"] == {"state": "unknown", "because": "future"}
+    assert found["measurement"] == {"troubles": [], "recent": False, "because": "future"}
+    assert found["due_at"] is None
+    assert lamp(-ahead_s / 86400, "alarm")["lamp"]["state"] == "alarm"
+
+
+def test_an_axis_without_a_run_has_no_good_measurement(client: TestClient, service: Service) -> None:
+    for runs, words in (((), "no run yet"), (RUNS[:1], "not assessed")):
+        for run in runs:
+            add_run(service.store, run)
+        (axis,) = client.get("/api/v1/axes").json()["axes"]
+        for found in (axis, client.get("/api/v1/axes/bench").json()):
+            assert found["measurement"] == {"troubles": [], "recent": False, "because": "no run"}
+        for page in (client.get("/").text, client.get("/axes/bench").text):
+            assert 'class="lamp sound"' not in page
+            assert f"○</span> {words}</span>" in page
+
+
+def test_an_alarm_whose_newest_run_is_old_has_no_good_measurement(
+    client: TestClient, service: Service
+) -> None:
+    assess(service, RUNS)
+    with service.store.write("test") as session:
+        session.scalars(select(Assessment)).one().newest_at = at(-365.0)
+        session.scalars(select(Axis)).one().changed_at = None
+    (axis,) = client.get("/api/v1/axes").json()["axes"]
+    assert (axis["lamp"]["state"], axis["measurement"]["because"]) == ("alarm", "old")
+    for page in (client.get("/").text, client.get("/axes/bench").text):
+        assert 'class="lamp alarm' in page
+        assert 'class="lamp sound"' not in page
+        assert "○</span> no recent run</span>" in page
+    assert "Run the test: the newest run is too old" in page
 
 
 def test_no_state_is_green_without_data(lamp: Lamp, service: Service) -> None:

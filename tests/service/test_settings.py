@@ -18,7 +18,6 @@ from ballscrew.service.settings import (
     PREFIX,
     ServerSettings,
     default_folder,
-    is_overdue,
     origins,
     read_settings,
 )
@@ -85,11 +84,11 @@ WORKING = {"working_days": ("Mon", "Tue", "Wed", "Thu", "Fri"), "time_zone": "Eu
 def test_silence_is_counted_on_working_days_alone(
     begin: str, end: str, hours: float, settings: dict[str, Any]
 ) -> None:
-    found = ServerSettings(**settings)
-    times = datetime.fromisoformat(begin), datetime.fromisoformat(end)
-    assert not is_overdue(found, *times, timedelta(hours=hours))
+    calendar = ServerSettings(**settings).calendar
+    start, present = datetime.fromisoformat(begin), datetime.fromisoformat(end)
+    assert present <= calendar.after(start, timedelta(hours=hours))
     if hours > 0:
-        assert is_overdue(found, *times, timedelta(hours=hours, seconds=-1))
+        assert present > calendar.after(start, timedelta(hours=hours, seconds=-1))
 
 
 def test_days_are_read_from_the_file_and_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

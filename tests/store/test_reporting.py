@@ -191,6 +191,18 @@ def test_a_state_without_a_schedule_is_unknown_when_it_is_old(plant: Store, tmp_
     page = page_of(plant, tmp_path, at=TIME + timedelta(days=60))
     assert "unknown, last run is old; normal before" in page
     assert ">■</span>&nbsp;alarm<" in page
+    assert ">no recent run<" in page
+    assert ">good, not assessed<" in page
+    assert ">good<" not in page.split("What to do")[0]
+    assert page.count("Run the test: nothing is known of the axis since its last run.") == 2
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_a_state_of_a_run_in_the_future_is_unknown(plant: Store, tmp_path: Path) -> None:
+    page = page_of(plant, tmp_path, "A axis", at=TIME - timedelta(days=60))
+    assert "UNKNOWN, its newest run is in the future; before: " in page
+    assert "Correct the time of the newest run, which is in the future" in page
+    assert ">no recent run<" in page
 
 
 def test_a_picture_is_drawn_only_of_the_assessment_that_is_stored(

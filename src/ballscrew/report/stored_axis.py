@@ -31,8 +31,12 @@ _NEWEST = 30  # runs in the table
 _BECAUSE = {
     "overdue": "its run is overdue",
     "old": "last run is old",
+    "no run": "it has no run",
+    "future": "its newest run is in the future",
     "set aside": "its newest run was set aside",
 }
+_OLD = ("overdue", "old")
+_CORRECT = "Correct the time of the newest run, which is in the future: 'ballscrew store correct'."
 _TROUBLES = {"silence": "no run", "measurement": "bad", "assessment": "cannot be assessed"}
 _ROWS = (2.0, 0.9, 1.3)  # heights of the rows of a picture that is less high than by itself
 _DAY = len("2026-01-31")
@@ -124,16 +128,23 @@ def measurement_words(axis: StoredAxis) -> str:
         return "; ".join(found)
     if not axis.counting:
         return NONE
-    return axis.counting[-1]["quality"] or "no result"
+    because = axis.document["measurement"]["because"]
+    if because in (*_OLD, "future"):
+        return "no recent run"
+    quality = axis.counting[-1]["quality"] or "no result"
+    return f"{quality}, not assessed" if because else quality
 
 
 def due_words(axis: StoredAxis) -> str:
     """When the next run of an axis is due."""
     due = axis.document["due_at"]
+    because = axis.document["measurement"]["because"]
+    if because == "future":
+        return UNKNOWN
     if due is None:
         return "no schedule"
     words = _unbroken(utc_minute(due))
-    if axis.document["lamp"]["because"] == "overdue":
+    if because == "overdue":
         return f"{words}, overdue"
     return words
 
@@ -227,9 +238,12 @@ def _conclusion(axis: StoredAxis) -> StateWords:
 
 def _actions(axis: StoredAxis) -> list[str]:
     found = [f"Measurement: {each['text']}" for each in axis.troubles]
-    if axis.document["lamp"]["because"] in ("overdue", "old"):
+    because = axis.document["measurement"]["because"]
+    if because in _OLD:
         found.append("Run the test: nothing is known of the axis since its last run.")
-    elif axis.explained:
+    elif because == "future":
+        found.append(_CORRECT)
+    if axis.explained and axis.document["lamp"]["because"] not in _OLD:
         found += axis.explained["actions"]
     return [*found, axis.why] if axis.why else found
 

@@ -18,7 +18,7 @@ from ballscrew.monitoring.epochs import moment
 from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.counting import doubted_runs, doubts_of
 from ballscrew.service.serving import RefusedError, Service
-from ballscrew.service.settings import ServerSettings, is_overdue
+from ballscrew.service.settings import ServerSettings
 from ballscrew.store.alarms import alarm_document, alarm_documents
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
@@ -261,6 +261,6 @@ def _silent_since(session: Session, settings: ServerSettings, setup: Setup, at: 
         if doubt is None:
             newest = upload.received_at
     patience = timedelta(seconds=(setup.period_s or 0.0) + (setup.grace_s or 0.0))
-    if not is_overdue(settings, moment(newest, "received_at"), at, patience):
+    if at <= settings.calendar.after(moment(newest, "received_at"), patience):
         return None
     return newest

@@ -6,40 +6,32 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError
 from ballscrew.monitoring.epochs import moment
 from ballscrew.store.changing import SERVER, insert_exclusion
+from ballscrew.store.lamps import CLOCK_TOLERANCE
 from ballscrew.store.reading import current_rows
 from ballscrew.store.tables import Axis, Exclusion, RecordingRow, ResultRow, RunRow, Upload
-
-CLOCK_TOLERANCE = 300.0
-"""Time by which a run may be measured after its receipt, s: clocks differ."""
 
 FAR = 366 * 24 * 3600.0
 """A time that differs by more from the receipt and from every other run of the axis is doubtful, s: a clock
 that lost its battery begins years ago."""
 
 
-def doubt_of_time(
-    session: Session, axis: int, measured_at: str | None, received_at: str, run: str | None = None
-) -> str | None:
+def doubt_of_time(measured_at: str | None, received_at: str, others: Sequence[float]) -> str | None:
     """Why the time of a run is doubtful.
 
     Parameters
     ----------
-    session : Session
-        Reading.
-    axis : int
-        Number of its axis.
     measured_at : str or None
         Time of the run.
     received_at : str
         Time of its receipt.
-    run : str, optional
-        Its id, where it was added.
+    others : sequence of float
+        Times of the other runs of the axis that count, s since 1970.
 
     Returns
     -------
@@ -52,13 +44,15 @@ def doubt_of_time(
     received = moment(received_at, "received_at").timestamp()
     if measured > received + CLOCK_TOLERANCE:
         return f"measured_at, {measured_at}, is in the future."
-    others = (RunRow.axis_id == axis, RunRow.id.not_in(doubted_runs()), RunRow.run != (run or ""))
-    before = session.scalar(select(func.max(RunRow.time)).where(*others, RunRow.time <= measured))
-    after = session.scalar(select(func.min(RunRow.time)).where(*others, RunRow.time >= measured))
-    times = [each for each in (before, after) if each is not None]
-    if times and min(abs(each - measured) for each in (*times, received)) > FAR:
+    if others and min(abs(each - measured) for each in (*others, received)) > FAR:
         return f"measured_at, {measured_at}, is more than a year from every other run and from its receipt."
     return None
+
+
+def _counting_times(session: Session, axis: int, run: str | None = None) -> list[float]:
+    """Times of the runs of an axis that count, s since 1970, but that of one."""
+    rows = current_rows(session, session.get_one(Axis, axis))
+    return [row.time for row in rows if row.time is not None and row.run != run]
 
 
 def check_time(measured_at: str) -> None:
@@ -85,10 +79,13 @@ def doubts_of(session: Session, rows: Sequence[Upload]) -> list[str | None]:
     standing = standing.where(Exclusion.actor == SERVER, Exclusion.ended_at.is_(None))
     reasons: dict[str, str] = {run: reason for run, reason in session.execute(standing)}  # noqa: C416
     found = []
+    others: dict[int, list[float]] = {}
     for row in rows:
         doubt = reasons.get(row.run or "")
         if row.run is None:
-            doubt = doubt_of_time(session, row.axis_id, row.stated.get("measured_at"), row.received_at)
+            if row.axis_id not in others:
+                others[row.axis_id] = _counting_times(session, row.axis_id)
+            doubt = doubt_of_time(row.stated.get("measured_at"), row.received_at, others[row.axis_id])
         found.append(doubt)
     return found
 
@@ -115,7 +112,8 @@ def exclude_as_needed(session: Session, axis: Axis, sent: Upload, *, is_new: boo
     if not is_new:
         return None
     run = session.scalars(select(RunRow).where(RunRow.run == sent.run)).all()[0]
-    doubt = doubt_of_time(session, axis.id, run.measured_at, sent.received_at, run.run)
+    others = _counting_times(session, axis.id, run.run)
+    doubt = doubt_of_time(run.measured_at, sent.received_at, others)
     if doubt is None:
         exclude_parts(session, axis, run, sent.sender)
     else:

@@ -65,7 +65,7 @@ def fleet_document(service: Service) -> dict[str, Any]:
         missing, refusals = _all_missing(session), _refusals(session)
         for axis in document["axes"]:
             _add_missing(axis, missing.get(axis["axis"], []), refusals.get(axis["axis"]))
-        add_lamps(session, document["axes"], datetime.now(UTC))
+        add_lamps(session, document["axes"], datetime.now(UTC), service.settings.calendar)
     return document
 
 
@@ -131,7 +131,7 @@ def axis_document(service: Service, axis: str) -> dict[str, Any]:
         missing, refusals = _all_missing(session), _refusals(session)
         document["explanation"] = find_explanation(session, find_axis(session, axis))
         _add_missing(document, missing.get(axis, []), refusals.get(axis))
-        add_lamps(session, [document], datetime.now(UTC))
+        add_lamps(session, [document], datetime.now(UTC), service.settings.calendar)
     return document
 
 

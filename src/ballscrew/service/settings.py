@@ -6,7 +6,7 @@ import ipaddress
 import os
 import sys
 from contextlib import suppress
-from datetime import UTC, date, datetime, time, timedelta
+from datetime import date
 from pathlib import Path
 from typing import Any, Literal, get_args
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
@@ -16,6 +16,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.tomlfile import read_toml
+from ballscrew.store.lamps import RunCalendar
 
 PREFIX = "BALLSCREW_SERVER_"
 """Beginning of the names of environment variables."""
@@ -79,6 +80,12 @@ class ServerSettings(BaseSettings):
             return ipaddress.ip_address(self.host).is_loopback
         return False
 
+    @property
+    def calendar(self) -> RunCalendar:
+        """Days on which runs are expected."""
+        weekdays = tuple(DAYS.index(day) for day in self.working_days)
+        return RunCalendar(weekdays, self.holidays, ZoneInfo(self.time_zone))
+
     def problems(self) -> list[str]:
         """What is wrong with the settings together, a sentence each."""
         found = []
@@ -98,33 +105,6 @@ class ServerSettings(BaseSettings):
                 "allow_plain_http, with which tokens travel unencrypted."
             )
         return found
-
-
-def is_overdue(settings: ServerSettings, begin: datetime, end: datetime, patience: timedelta) -> bool:
-    """Whether more time has passed than a run may take to come, on the days on which runs are expected.
-
-    Parameters
-    ----------
-    settings : ServerSettings
-        With these days.
-    begin, end : datetime
-        Time of the newest run and the present, each with its zone.
-    patience : timedelta
-        Time that may pass on these days.
-
-    Returns
-    -------
-    bool
-        Whether it is exceeded.
-    """
-    zone = ZoneInfo(settings.time_zone)
-    begin, day = begin.astimezone(UTC), begin.astimezone(zone).date()
-    while begin < end and patience >= timedelta():
-        midnight = datetime.combine(day + timedelta(days=1), time(), zone).astimezone(UTC)
-        if DAYS[day.weekday()] in settings.working_days and day not in settings.holidays:
-            patience -= min(midnight, end) - begin
-        begin, day = midnight, day + timedelta(days=1)
-    return patience < timedelta()
 
 
 def read_settings(folder: Path, config: Path | None, options: dict[str, Any]) -> ServerSettings:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import datetime, timedelta
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from typing import Any
 
 from sqlalchemy import and_, select
@@ -18,12 +19,55 @@ URGENCY = {
 }  # fmt: skip
 """Order of states, the most urgent first."""
 
+CLOCK_TOLERANCE = 300.0
+"""Time by which a run may be measured after its receipt, s: clocks differ."""
+
 _REMAINING = ("alarm", "unloaded", "watch", "suspect", "not assessed", "unknown")
 _STALE = timedelta(days=31)  # age of the newest run beyond which an axis without a schedule is unknown
 
 
-def add_lamps(session: Session, documents: Sequence[dict[str, Any]], at: datetime) -> None:
+@dataclass(frozen=True)
+class RunCalendar:
+    """Days on which runs are expected.
+
+    Parameters
+    ----------
+    weekdays : tuple of int
+        Of these, Monday is 0; at least one.
+    holidays : tuple of date
+        Days on which none are expected besides.
+    zone : tzinfo
+        Time zone of these days.
+    """
+
+    weekdays: tuple[int, ...] = tuple(range(7))
+    holidays: tuple[date, ...] = ()
+    zone: tzinfo = UTC
+
+    def after(self, begin: datetime, wait: timedelta) -> datetime:
+        """Time at which a time after ``begin`` has passed, counted on these days alone, UTC."""
+        if len(self.weekdays) == 7 and not self.holidays:
+            return begin.astimezone(UTC) + wait
+        begin, day = begin.astimezone(UTC), begin.astimezone(self.zone).date()
+        while True:
+            midnight = datetime.combine(day + timedelta(days=1), time(), self.zone).astimezone(UTC)
+            if day.weekday() in self.weekdays and day not in self.holidays:
+                if begin + wait < midnight:
+                    return begin + wait
+                wait -= midnight - begin
+            begin, day = midnight, day + timedelta(days=1)
+
+
+EVERY_DAY = RunCalendar()
+"""Runs are expected on all days."""
+
+
+def add_lamps(
+    session: Session, documents: Sequence[dict[str, Any]], at: datetime, calendar: RunCalendar = EVERY_DAY
+) -> None:
     """Add ``lamp``, ``measurement`` and ``due_at`` to documents of axes.
+
+    ``measurement`` has the troubles that stand, and whether the newest run is ``recent``, else ``because``.
 
     Parameters
     ----------
@@ -33,6 +77,8 @@ def add_lamps(session: Session, documents: Sequence[dict[str, Any]], at: datetim
         Of axes, with their names, states and ``newest_at``.
     at : datetime
         The present time.
+    calendar : RunCalendar
+        Days on which runs are expected by a schedule.
     """
     numbers, unassessed = _axes(session)
     setups = {row.axis_id: row for row in session.scalars(select(Setup))}
@@ -43,9 +89,17 @@ def add_lamps(session: Session, documents: Sequence[dict[str, Any]], at: datetim
     for document in documents:
         number = numbers[document["axis"]]
         setup = setups.get(number)
-        document["due_at"] = due_at(setup, document["newest_at"])
-        document["measurement"] = {"troubles": troubles.get(number, [])}
-        document["lamp"] = _lamp(document, setup, at, is_unassessed=number in unassessed)
+        is_future = _is_future(document["newest_at"], at)
+        document["due_at"] = None if is_future else due_at(setup, document["newest_at"], calendar)
+        because = "future" if is_future else _why_not_recent(document, setup, at, calendar)
+        document["measurement"] = {
+            "troubles": troubles.get(number, []),
+            "recent": because is None,
+            "because": because,
+        }
+        if because is None and number in unassessed:
+            because = "set aside"
+        document["lamp"] = _lamp(document["state"], because)
 
 
 def _axes(session: Session) -> tuple[dict[str, int], set[int]]:
@@ -60,28 +114,35 @@ def _axes(session: Session) -> tuple[dict[str, int], set[int]]:
     return numbers, unassessed
 
 
-def due_at(setup: Setup | None, newest: str | None) -> str | None:
+def due_at(setup: Setup | None, newest: str | None, calendar: RunCalendar = EVERY_DAY) -> str | None:
     """Time at which the next run of an axis is due by its schedule; None without one."""
     if setup is None or setup.period_s is None:
         return None
     last = max(moment(each, "a run") for each in (newest, setup.set_up_at) if each is not None)
-    return (last + timedelta(seconds=setup.period_s)).isoformat()
+    return calendar.after(last, timedelta(seconds=setup.period_s)).isoformat()
 
 
-def _lamp(
-    document: dict[str, Any], setup: Setup | None, at: datetime, *, is_unassessed: bool
-) -> dict[str, Any]:
-    """State of the machine now: that of its newest assessment, or unknown without a recent one."""
-    state = document["state"]
-    if state in _REMAINING:
-        return {"state": state, "because": None}
-    if is_unassessed:
-        return {"state": "unknown", "because": "set aside"}
+def _is_future(newest: str | None, at: datetime) -> bool:
+    """Whether the newest run is later than the present: its time shows neither its age nor the next run."""
+    return newest is not None and moment(newest, "newest_at") > at + timedelta(seconds=CLOCK_TOLERANCE)
+
+
+def _why_not_recent(
+    document: dict[str, Any], setup: Setup | None, at: datetime, calendar: RunCalendar
+) -> str | None:
+    """Why the newest run of an axis does not show its present state; None where it does."""
+    if document["newest_at"] is None:
+        return "no run"
     if document["due_at"] is not None:
         grace = timedelta(seconds=(setup.grace_s or 0.0) if setup is not None else 0.0)
-        limit, because = moment(document["due_at"], "due_at") + grace, "overdue"
+        limit, because = calendar.after(moment(document["due_at"], "due_at"), grace), "overdue"
     else:
         limit, because = moment(document["newest_at"], "newest_at") + _STALE, "old"
-    if at > limit:
-        return {"state": "unknown", "because": because}
-    return {"state": state, "because": None}
+    return because if at > limit else None
+
+
+def _lamp(state: str, because: str | None) -> dict[str, Any]:
+    """State of the machine now: that of its newest assessment, or unknown without a recent one."""
+    if because is None or state in _REMAINING:
+        return {"state": state, "because": None}
+    return {"state": "unknown", "because": because}

@@ -25,7 +25,7 @@ from ballscrew.store.alarms import ENDED, alarm_documents
 from ballscrew.store.assessing import newest_assessment
 from ballscrew.store.explaining import explanation, find_explanation
 from ballscrew.store.folder import check_outside_stores
-from ballscrew.store.lamps import add_lamps
+from ballscrew.store.lamps import EVERY_DAY, RunCalendar, add_lamps
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.reading import find_axis
 from ballscrew.store.showing import axis_document
@@ -47,6 +47,7 @@ def report(
     *,
     out: str | Path,
     at: datetime | None = None,
+    calendar: RunCalendar = EVERY_DAY,
     progress: Progress = ignore_progress,
 ) -> dict[str, Any]:
     """Write a report of an axis, or of all axes with the worst first.
@@ -64,6 +65,8 @@ def report(
     at : datetime, optional
         Time by which a run is overdue; by default now, or that of the environment's SOURCE_DATE_EPOCH. The
         same store and time give the same file.
+    calendar : RunCalendar
+        Days on which runs are expected by a schedule.
     progress : callable
         Called after each axis.
 
@@ -85,7 +88,7 @@ def report(
         names = [find_axis(session, axis).name] if axis is not None else _names(session)
     axes = []
     for number, name in enumerate(names):
-        axes.append(_read(store, name, at))
+        axes.append(_read(store, name, at, calendar))
         progress(number + 1, len(names), short_name(name))
     axes.sort(key=urgency_of)
     blocks = report_blocks(axes, at, fleet=axis is None)
@@ -127,7 +130,7 @@ def _names(session: Session) -> list[str]:
     return list(session.scalars(select(Axis.name).order_by(Axis.name)))
 
 
-def _read(store: OpenStore, name: str, at: datetime) -> StoredAxis:
+def _read(store: OpenStore, name: str, at: datetime, calendar: RunCalendar) -> StoredAxis:
     """What a store has about an axis, of one moment."""
     with store.read() as session:
         row = find_axis(session, name)
@@ -140,7 +143,7 @@ def _read(store: OpenStore, name: str, at: datetime) -> StoredAxis:
         if row.assessment_id is not None:
             assessment = session.get_one(Assessment, row.assessment_id)
             made = _fields(assessment, _MADE)
-        add_lamps(session, [document], at)
+        add_lamps(session, [document], at, calendar)
         explained = find_explanation(session, row)
         alarms = alarm_documents(session, row)
         epochs = session.scalars(select(EpochRow).where(EpochRow.axis_id == row.id).order_by(EpochRow.number))

@@ -43,7 +43,7 @@ def send_report(
             raise RefusedError(404, f"there is no axis {shown(axis)}.")
     with service.computing("a report"), tempfile.TemporaryDirectory(prefix="ballscrew-") as folder:
         path = Path(folder) / f"report.{kind}"
-        report(service.store, axis, out=path)
+        report(service.store, axis, out=path, calendar=service.settings.calendar)
         content = path.read_bytes()
     name = quote(f"{axis}.{kind}", safe="")
     headers = {"Content-Disposition": f"attachment; filename*=UTF-8''{name}", "Cache-Control": "no-store"}
