@@ -9,7 +9,7 @@ from urllib.parse import quote
 import pytest
 from fastapi.testclient import TestClient
 from tests.service import raw_runs
-from tests.service.conftest import send, send_result
+from tests.service.conftest import SETUP, send, send_result
 from tests.store.stored import RUNS
 
 from ballscrew.service import on_demand
@@ -126,3 +126,18 @@ def test_a_file_that_takes_long_is_202_and_comes_later(
         assert answers[-1].json()["detail"]
         answers.append(client.get(f"/api/v1/runs/{run}/signals?file=1"))
     assert answers[-1].status_code == 200
+
+
+def test_the_same_bytes_under_two_names_are_two_results(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The name may decide by which reader a file is read, and is in the sentence why it cannot be."""
+    tasks = raw_runs.compute_here(monkeypatch)
+    service.scratch.mkdir()
+    toml = raw_runs.RUN_TOML.replace(f"'''{raw_runs.HOSTILE}'''", '"trip.txt"')
+    files = {"trip.npz": raw_runs.npz(0), "trip.txt": raw_runs.npz(0)}
+    assert client.put("/api/v1/axes/bench", json=SETUP | {"channels": raw_runs.CHANNELS}).status_code == 200
+    run = send(client, files=files, run_toml=toml).json()["id"]
+    for number in (0, 1):
+        signals(client, run, f"file={number}")
+    assert [task.file[0] for task in tasks] == ["trip.npz", "trip.txt"]

@@ -24,7 +24,7 @@ from ballscrew.monitoring.epochs import METHOD_CHANGED, Event, moment, read_even
 from ballscrew.store import adding
 from ballscrew.store.adding import add_events, add_model
 from ballscrew.store.store import Store
-from ballscrew.store.tables import Audit, MethodChange
+from ballscrew.store.tables import Audit, MethodChange, checksum_of
 
 DIFFERENCE = 3e-3  # of the frequencies by revision 2
 Switch = Callable[[int], None]
@@ -178,6 +178,42 @@ def test_three_revisions_follow_each_other(store: Store, choose: Switch, tmp_pat
     assert store.verify(store.path).faults == ()
     assert store.reprocess()["failures"] == []
     assert count(store, MethodChange) == 2
+
+
+@on_sqlite
+def test_an_axis_is_switched_back_and_forth(store: Store, choose: Switch, tmp_path: Path) -> None:
+    for number in (2, 1):
+        choose(number)
+        assert store.reprocess(switch=True)["axes"][0]["switched"]
+    assert changes(store) == []
+    for day in range(10, 13):
+        add_day(store, tmp_path, day)
+    choose(2)
+    (axis,) = store.reprocess(switch=True)["axes"]
+    assert axis["switched"]
+    assert count(store, MethodChange) == 1
+    with store.read() as session:
+        change = session.scalars(select(MethodChange)).one()
+        assert (change.step, change.runs) == (axis["step"]["value"], axis["step"]["runs"])
+        assert change.checksum == checksum_of(change)
+    assert "revision 2 after 1" in changes(store)[-1]["text"]
+    assert len(store.monitor("bench").monitored.state.runs) == 13
+    assert store.verify(store.path).faults == ()
+
+
+@on_sqlite
+def test_a_method_is_not_reached_from_two_others(store: Store, choose: Switch) -> None:
+    """Runs without raw files have no result of it, and the steps to it would be two."""
+    for number in (2, 3):
+        choose(number)
+        store.reprocess(switch=True)
+    choose(2)
+    with pytest.raises(InputError, match="switched before, from revision 1 and not 3"):
+        store.reprocess(switch=True)
+    assert store.show("bench")["method"]["revision"] == 3
+    assert count(store, MethodChange) == 2
+    choose(1)
+    assert store.reprocess(switch=True)["axes"][0]["switched"]
 
 
 @on_sqlite

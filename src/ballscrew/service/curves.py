@@ -187,7 +187,7 @@ def _frequency_columns(
     """Frequencies by run and stop."""
     keys = sorted({tuple(cell[1:4]) for cell in cells})
     frequency = _table(runs, cells, keys)
-    relative = _relative(frequency, [states.get(run.id, (-1, False)) for run in runs])
+    relative = _relative(frequency, _epochs(runs, states))
     stops = np.array([key[0] for key in keys])
     positions = np.unique(stops).tolist()
     by_stop = [stops == position for position in positions]
@@ -211,15 +211,27 @@ def _table(runs: Sequence[Any], cells: Sequence[Any], keys: Sequence[Any]) -> Ar
     return found
 
 
-def _relative(frequency: Array, states: Sequence[tuple[int, bool]]) -> Array:
+def _epochs(runs: Sequence[Any], states: dict[int, tuple[int, bool]]) -> list[tuple[int, bool]]:
+    """Epoch of each run and whether it is of the baseline; of a run not yet assessed that of the run before.
+
+    Epoch -1 has no baseline; the first runs are one where the axis was not assessed.
+    """
+    if not states:
+        return [(0, place < _BASELINE) for place in range(len(runs))]
+    found, epoch = [], -1
+    for run in runs:
+        epoch, learned = states.get(run.id, (epoch, False))
+        found.append((epoch, learned))
+    return found
+
+
+def _relative(frequency: Array, epochs: Sequence[tuple[int, bool]]) -> Array:
     """Frequencies over the baseline of their epoch."""
     found = np.full_like(frequency, np.nan)
-    epochs, learned = np.array(states, dtype=int).reshape(-1, 2).T
-    for epoch in np.unique(epochs):
-        members = np.flatnonzero(epochs == epoch)
+    numbers, learned = np.array(epochs, dtype=int).reshape(-1, 2).T
+    for epoch in np.unique(numbers):
+        members = np.flatnonzero(numbers == epoch)
         baseline = members[learned[members] > 0]
-        if not baseline.size:
-            baseline = members[:_BASELINE]
         found[members] = frequency[members] / _median(frequency[baseline])
     return found
 

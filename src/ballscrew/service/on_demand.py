@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import multiprocessing
 import os
 import queue
@@ -12,6 +13,7 @@ import tempfile
 import threading
 import time
 from contextlib import suppress
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Annotated, Any, Protocol
@@ -20,7 +22,7 @@ from fastapi import Depends, Request
 from fastapi.responses import JSONResponse
 
 from ballscrew.base.errors import BallscrewError, InputError
-from ballscrew.service.serving import FULL, TOO_MANY, RefusedError, Service
+from ballscrew.service.serving import FULL, TOO_MANY, UNAVAILABLE, RefusedError, Service
 
 _log = logging.getLogger("ballscrew.service")
 
@@ -30,14 +32,32 @@ _IDLE = 300.0  # s without a task after which the process ends
 _MOST_WAITING = 8  # tasks
 _MOST_BYTES = 4 << 30  # of all results of a kind; the oldest are removed
 _MOST_REFUSALS = 1000  # that are remembered
+_PAUSE = 60.0  # s until a result is tried again that failed for a reason which may pass
+_REMOVED = "removed-"
 
 
 class FileTask(Protocol):
     """Something to compute, as plain data for a process."""
 
     def write(self, folder: Path) -> None:
-        """Write the result as files of a folder."""
+        """Write the result as files of a folder, one of them ``about.json``."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """Why there is no result.
+
+    Parameters
+    ----------
+    sentence : str
+        The reason.
+    lasts : bool
+        Whether the task itself refuses, so that it would fail again.
+    """
+
+    sentence: str
+    lasts: bool = False
 
 
 def compute_tasks(pipe: Connection, scratch: str) -> None:
@@ -46,7 +66,7 @@ def compute_tasks(pipe: Connection, scratch: str) -> None:
     Parameters
     ----------
     pipe : Connection
-        To the service; the answer is None, or a sentence why there is no result.
+        To the service; the answer is None, or why there is no result.
     scratch : str
         Folder for temporary files.
     """
@@ -58,19 +78,27 @@ def compute_tasks(pipe: Connection, scratch: str) -> None:
             pipe.send(compute(task, Path(target)))
 
 
-def compute(task: FileTask, target: Path) -> str | None:
-    """Compute a result and write it, whole or not at all; the sentence why not, or None."""
-    folder = Path(tempfile.mkdtemp(prefix="computing-", dir=target.parent))
+def compute(task: FileTask, target: Path) -> Failure | None:
+    """Compute a result and write it, whole or not at all; why not, or None."""
+    folder = None
     try:
+        folder = Path(tempfile.mkdtemp(prefix="computing-", dir=target.parent))
         task.write(folder)
+        if target.exists():  # what is left of a result
+            _remove(target)
         folder.rename(target)
     except BallscrewError as error:
-        return str(error)
+        return Failure(str(error), lasts=True)
     except Exception as error:  # noqa: BLE001  of whatever kind, the process goes on
-        return f"unexpected error ({type(error).__name__}: {error})"
+        return _unexpected(error)
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
     return None
+
+
+def _unexpected(error: Exception) -> Failure:
+    return Failure(f"unexpected error ({type(error).__name__}: {error})")
 
 
 class OnDemand:
@@ -90,7 +118,7 @@ class OnDemand:
         self._lock = threading.Lock()
         self._tasks: queue.SimpleQueue[tuple[str, FileTask]] = queue.SimpleQueue()
         self._waiting: dict[str, threading.Event] = {}
-        self._refusals: dict[str, str] = {}
+        self._refusals: dict[str, tuple[Failure, float]] = {}
         self._thread: threading.Thread | None = None
         self._process: Any = None
         self._pipe: Connection | None = None
@@ -119,21 +147,32 @@ class OnDemand:
         InputError
             If it cannot be computed.
         RefusedError
-            429 if too many results wait, 507 if the disk is full.
+            429 if too many results wait, 503 if it failed for a reason that may pass, 507 if the disk is
+            full.
         """
         path = self._folder / key
         with self._lock:
-            if path.is_dir():
+            if _is_whole(path):
                 os.utime(path)  # used last
                 return path
-            if key in self._refusals:
-                raise InputError(self._refusals[key])
+            self._check_refusal(key)
             done = self._waiting.get(key) or self._enqueue(key, task)
         done.wait(_PATIENCE)
         with self._lock:
-            if key in self._refusals:
-                raise InputError(self._refusals[key])
-        return path if path.is_dir() else None
+            self._check_refusal(key)
+        return path if _is_whole(path) else None
+
+    def _check_refusal(self, key: str) -> None:
+        """Refuse what failed; what may succeed meanwhile only for a while."""
+        failure, at = self._refusals.get(key, (None, 0.0))
+        if failure is None:
+            return
+        if failure.lasts:
+            raise InputError(failure.sentence)
+        left = math.ceil(at + _PAUSE - time.monotonic())
+        if left > 0:
+            raise RefusedError(UNAVAILABLE, failure.sentence, {"Retry-After": str(left)})
+        del self._refusals[key]
 
     def _enqueue(self, key: str, task: FileTask) -> threading.Event:
         if len(self._waiting) >= _MOST_WAITING:
@@ -164,10 +203,10 @@ class OnDemand:
             deadline = time.monotonic() + _IDLE
         self._end_process()
 
-    def _answer(self, key: str, task: FileTask) -> str | None:
-        """Sentence why there is no result, or None."""
-        self._folder.mkdir(parents=True, exist_ok=True)
+    def _answer(self, key: str, task: FileTask) -> Failure | None:
+        """Why there is no result, or None."""
         try:
+            self._folder.mkdir(parents=True, exist_ok=True)
             if self._process is None or not self._process.is_alive():
                 self._end_process()
                 self._start_process()
@@ -175,16 +214,20 @@ class OnDemand:
         except Exception as error:  # noqa: BLE001  whatever it is, the next task is computed
             _log.exception("on demand")
             self._end_process()
-            return f"unexpected error ({type(error).__name__}: {error})"
+            return _unexpected(error)
 
-    def _finish(self, key: str, sentence: str | None) -> None:
+    def _finish(self, key: str, failure: Failure | None) -> None:
         with self._lock:
-            if sentence is not None:
+            if failure is not None:
                 if len(self._refusals) >= _MOST_REFUSALS:
                     self._refusals.clear()
-                self._refusals[key] = sentence
-            _remove_oldest(self._folder, _MOST_BYTES)
-            self._waiting.pop(key).set()
+                self._refusals[key] = failure, time.monotonic()
+            try:
+                _remove_oldest(self._folder, _MOST_BYTES)
+            except OSError:
+                _log.exception("on demand")
+            finally:
+                self._waiting.pop(key).set()
 
     def _start_process(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -195,22 +238,22 @@ class OnDemand:
         self._process.start()
         other.close()
 
-    def _ask(self, task: FileTask, target: Path) -> str | None:
-        """Let the process compute a result; the sentence why there is none, or None."""
+    def _ask(self, task: FileTask, target: Path) -> Failure | None:
+        """Let the process compute a result; why there is none, or None."""
         assert self._pipe is not None  # noqa: S101
         deadline = time.monotonic() + self.service.settings.lease_s
         try:
             self._pipe.send((task, str(target)))
             while not self._pipe.poll(_TICK):
                 if self.service.stopping.is_set():
-                    return "the server stops."
+                    return Failure("the server stops.")
                 if time.monotonic() > deadline:
                     self._end_process()
-                    return f"it took more than {self.service.settings.lease_s:.0f} s."
-            answer: str | None = self._pipe.recv()
+                    return Failure(f"it took more than {self.service.settings.lease_s:.0f} s.")
+            answer: Failure | None = self._pipe.recv()
         except (EOFError, OSError):
             self._end_process()
-            return "the process that computes it ended."
+            return Failure("the process that computes it ended.")
         return answer
 
     def _end_process(self) -> None:
@@ -235,11 +278,19 @@ def _remove_oldest(folder: Path, limit: int) -> None:
             _remove(path)
 
 
-def _remove(path: Path) -> None:
-    """Remove a result whole: who reads it has all of its files, or no folder."""
-    folder = tempfile.TemporaryDirectory(prefix="removing-", dir=path.parent, ignore_cleanup_errors=True)
-    with folder as target, suppress(OSError):  # on Windows one that is being read stays
-        path.rename(Path(target) / path.name)
+def _is_whole(folder: Path) -> bool:
+    """Whether there is a result, and not only what is left of one."""
+    return (folder / "about.json").is_file()
+
+
+def _remove(folder: Path) -> None:
+    """Remove a result whole or not at all: Windows keeps files that are being read."""
+    removed = folder
+    if not folder.name.startswith(_REMOVED):
+        removed = folder.with_name(f"{_REMOVED}{folder.name}-{time.monotonic_ns()}")
+        with suppress(OSError):
+            folder.rename(removed)
+    shutil.rmtree(removed, ignore_errors=True)
 
 
 def not_yet(sentence: str) -> JSONResponse:

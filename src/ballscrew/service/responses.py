@@ -57,7 +57,7 @@ class ResponseTask:
     stated: dict[str, Any]
 
     def write(self, folder: Path) -> None:
-        """Write the FRF of each cell as JSON, under the name of :func:`_cell_file`."""
+        """Write the FRF of each cell as JSON, under the name of :func:`_cell_file`, and ``about.json``."""
         from ballscrew.report.measured import response_of
         from ballscrew.store.analysing import analyse_files
 
@@ -80,6 +80,7 @@ class ResponseTask:
                 "estimator": response.estimator, "repetitions": cell.repetitions,
             }  # fmt: skip
             (folder / _cell_file(*cell.key)).write_text(json.dumps(plain(document, 6)))
+        (folder / "about.json").write_text(json.dumps({"cells": len(run.cells)}))
 
 
 def _cell_file(position: float, condition: str, motion: int) -> str:

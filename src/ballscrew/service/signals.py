@@ -110,7 +110,7 @@ def show_signals(
     with service.store.read() as session:
         found = locate_run(session, run)
         task = _signal_task(session, found, file, str(service.store.folder.files.resolve()))
-    key = digest([*task.file[1:2], task.channels])[:32]
+    key = digest([*task.file[:2], task.channels])[:32]  # the name too: a reader may be chosen by it
     folder = results.find(key, task)
     if folder is None:
         return not_yet("the file is being read.")

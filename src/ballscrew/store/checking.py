@@ -180,7 +180,7 @@ def _inserted_by(action: str, subject: str, detail: Mapping[str, Any]) -> Counte
     """Number of rows that were inserted into each table, by a row of the audit."""
     if action == "simulate":
         return Counter(results=detail["runs"], models=1, assessments=1)
-    if action == "switch" and "step" in detail:
+    if action == "switch" and "step" in detail and "replaced" not in detail:
         return Counter(corrections=1, method_changes=1)
     if action == "correct":
         return Counter(corrections=len(_CORRECTED & detail.keys()))

@@ -198,22 +198,12 @@ def switch_axis(store: OpenStore, name: str, options: AnalysisOptions) -> None:
                 at=now(),
             )
         )
-        if step is not None:
-            session.add(
-                MethodChange(
-                    axis_id=axis.id,
-                    old_method_id=old.id,
-                    new_method_id=target.id,
-                    step=step.value,
-                    step_uncertainty=step.standard_uncertainty,
-                    runs=step.runs,
-                    changed_at=now(),
-                )
-            )
-        axis.method_id, axis.changed_at = target.id, now()
-        detail = {"method": target.name, "revision": target.revision}
+        detail: dict[str, Any] = {"method": target.name, "revision": target.revision}
         if step is not None:
             detail["step"] = asdict(step)
+            if not _add_change(session, axis, old, target, step):
+                detail["replaced"] = True  # the step of an earlier switch
+        axis.method_id, axis.changed_at = target.id, now()
         record(session, "switch", f"axis {name}", **detail)
 
 
@@ -233,6 +223,28 @@ def _step_over_missing(session: Session, axis: Axis, old: Method, new: Method) -
             f"model and {LEAST_RUNS} good runs with both results",
         )
     return step
+
+
+def _add_change(session: Session, axis: Axis, old: Method, new: Method, step: MethodStep) -> bool:
+    """Add the step of an axis to a method; False where it replaces that of an earlier switch of the same."""
+    changes = select(MethodChange).where(
+        MethodChange.axis_id == axis.id, MethodChange.new_method_id == new.id
+    )
+    change = session.scalar(changes)
+    is_new = change is None
+    if change is None:
+        change = MethodChange(axis_id=axis.id, old_method_id=old.id, new_method_id=new.id)
+        session.add(change)
+    elif change.old_method_id != old.id:
+        former = session.get_one(Method, change.old_method_id)
+        raise _not_switched(
+            axis.name,
+            f"runs without raw files have no result of revision {new.revision}, to which it was switched "
+            f"before, from revision {former.revision} and not {old.revision}",
+        )
+    change.step, change.step_uncertainty, change.runs = step.value, step.standard_uncertainty, step.runs
+    change.changed_at = now()
+    return is_new
 
 
 def _not_switched(name: str, why: str) -> InputError:

@@ -24,7 +24,7 @@ from ballscrew.store.adding import add_sheet
 from ballscrew.store.assessing import monitor_axis
 from ballscrew.store.fleet import simulate_fleet
 from ballscrew.store.opened import create_store
-from ballscrew.store.tables import CellRow
+from ballscrew.store.tables import CellRow, ResultRow, StateRow
 
 HOSTILE = """<script>alert("x") <img src=x onerror=y> 'ä' ?a=b#c% &amp; {{ 7 * 7 }}"""
 
@@ -207,6 +207,28 @@ def test_a_cell_without_a_frequency_is_left_out_of_its_stop(tmp_path: Path) -> N
     assert document["frequency_Hz"][3] == [102.0, None]
     assert document["relative"][3][1] is None
     assert None not in document["frequency_Hz"][0]
+
+
+def test_runs_that_are_not_yet_assessed_are_relative_to_the_epoch_before_them(tmp_path: Path) -> None:
+    store = create_store(tmp_path / "store")
+    simulate_fleet(store, axes=1, years=0.2, cells=5)
+    with client_of(Service(ServedStore(store.path), ServerSettings(min_free_bytes=0))) as client:
+        before = curves(client, "frequencies", "simulated 0-00000")["relative"]
+        with store.write("test") as session:
+            states = session.scalars(select(StateRow).order_by(StateRow.time)).all()
+            numbers = [state.run_id for state in states]
+            for state in (states[0], *states[-2:]):
+                session.delete(state)
+            for cell in session.scalars(
+                select(CellRow)
+                .join(ResultRow, ResultRow.id == CellRow.result_id)
+                .where(ResultRow.run_id == numbers[-1])
+            ):
+                cell.frequency_Hz = 0.9 * (cell.frequency_Hz or 0.0)
+        after = curves(client, "frequencies", "simulated 0-00000")["relative"]
+    assert after[0] == [None, None]
+    for value, whole in zip(after[-1], before[-1], strict=True):
+        assert value == pytest.approx(0.9 * whole, abs=0.01)
 
 
 def test_mechanics_states_friction_and_lost_motion_of_the_results(client: TestClient) -> None:

@@ -15,16 +15,19 @@ from urllib.parse import quote
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, Route
 from playwright.sync_api import Error as BrowserError
 from starlette.routing import compile_path
+from tests.service import raw_runs
 from tests.service.conftest import client_of, send_result, work_off
 from tests.service.pages.browser import HOSTILE, Window, make_plant, serving
 from tests.store.stored import RUNS
 
 from ballscrew.service import pages
 from ballscrew.service.pages.help_topics import TOPICS
-from ballscrew.service.serving import Service
+from ballscrew.service.serving import ServedStore, Service
+from ballscrew.service.settings import ServerSettings
+from ballscrew.store.opened import create_store
 
 HOSTILE_URL = quote(HOSTILE, safe="")
 RUN_URL = quote(RUNS[3].id)
@@ -313,6 +316,44 @@ def test_a_page_is_reloaded_while_data_arrive(window: Window, plant: Service) ->
         plant.announce()
         page.reload()
     assert page.locator("tbody tr").count() == 3
+
+
+def test_signals_that_are_not_there_yet_are_asked_for_again(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While a file is read, and when the server refuses for a while."""
+    raw_runs.compute_here(monkeypatch)
+    service = Service(ServedStore(create_store(tmp_path / "store").path), ServerSettings(min_free_bytes=0))
+    service.partial.mkdir()
+    service.scratch.mkdir()
+    with client_of(service) as client:
+        run = raw_runs.send_raw(client)
+    raw_runs.analyse(service, run)
+    later = {
+        "file": [(503, "the process that computes it ended."), (202, "the file is being read.")],
+        "channel": [(202, "the file is being read."), (429, "too many results are being computed.")],
+    }
+
+    def answer(route: Route) -> None:
+        waiting = later["channel" if "channel=" in route.request.url else "file"]
+        if not waiting:
+            return route.continue_()
+        status, detail = waiting.pop()
+        headers = {"Retry-After": "0.1"}
+        return route.fulfill(status=status, json={"detail": detail}, headers=headers)
+
+    with serving(service) as address:
+        window = Window(browser, address)
+        window.expected = {429, 503}
+        window.page.route("**/api/v1/runs/*/signals?*", answer)
+        window.page.goto(f"/runs/{quote(run)}/signals")
+        window.page.wait_for_selector(".signals .u-legend")
+        window.page.wait_for_load_state("networkidle")
+        assert later == {"file": [], "channel": []}
+        assert window.page.locator(".message").all_inner_texts() == []
+        assert window.page.locator("[data-shown]").inner_text() == "0.0 s … 40.0 s"
+        window.close()
+    assert window.problems == []
 
 
 @pytest.mark.parametrize("path", MARKED)

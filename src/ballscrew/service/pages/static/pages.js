@@ -164,11 +164,32 @@ const ballscrew = (() => {
 
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
+  // Data of an address; while the server says when to ask again, it is asked until they are there.
+  async function fetched(address, waiting, signal) {
+    for (;;) {
+      const answer = await fetch(address, { signal });
+      const data = await answer.json();
+      if (answer.status === 200) return data;
+      const pause = Number(answer.headers.get("Retry-After"));
+      if (!pause) throw new Error(data.detail);
+      waiting(data.detail);
+      await new Promise((done) => setTimeout(done, 1000 * pause));
+    }
+  }
+
   async function drawChart(place) {
+    const { chart, source } = place.dataset;
+    const note = document.createElement("p");
+    note.className = "message";
+    note.setAttribute("role", "status");
+    const wait = (text) => {
+      note.textContent = text;
+      place.prepend(note);
+    };
     try {
-      const answer = place.dataset.source ? await fetch(place.dataset.source) : null;
-      if (answer && !answer.ok) throw new Error((await answer.json()).detail);
-      charts[place.dataset.chart](place, answer ? await answer.json() : null);
+      const data = source ? await fetched(source, wait) : null;
+      note.remove();
+      charts[chart](place, data);
     } catch (error) {
       place.textContent = error.message;
       place.classList.add("message");
@@ -210,5 +231,5 @@ const ballscrew = (() => {
 
   // Scripts of pages, which are deferred too, add their charts before this runs.
   document.addEventListener("DOMContentLoaded", start);
-  return { charts, colour, number, clock, language, sortable };
+  return { charts, colour, number, clock, language, sortable, fetched };
 })();

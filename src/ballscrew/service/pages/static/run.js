@@ -7,6 +7,7 @@
   const wordsOf = (place) => JSON.parse(place.dataset.words);
   const soft = () => ballscrew.colour("soft");
   const line = () => ballscrew.colour("line");
+  const { fetched } = ballscrew;
 
   const axis = (label, more) => ({
     stroke: soft, grid: { stroke: line, width: 1 }, ticks: { stroke: line, width: 1 }, label, labelSize: 24,
@@ -36,18 +37,6 @@
     const paragraph = add(place, "message");
     paragraph.setAttribute("role", "status");
     paragraph.textContent = text;
-  }
-
-  // Data of an address that may still be computed: it is asked for until it is there.
-  async function fetched(address, waiting, signal) {
-    for (;;) {
-      const answer = await fetch(address, { signal });
-      const document = await answer.json();
-      if (answer.status === 200) return document;
-      if (answer.status !== 202) throw new Error(document.detail);
-      waiting(document.detail);
-      await new Promise((done) => setTimeout(done, 700));
-    }
   }
 
   // --- cells -------------------------------------------------------------------------------------------------
@@ -319,9 +308,16 @@
       await Promise.all([...this.plots].map(async ([name, { chart }]) => {
         const points = Math.max(2, Math.min(10000, Math.round(chart.bbox.width / devicePixelRatio) || 800));
         const query = new URLSearchParams({ channel: name, from: this.span[0], to: this.span[1], points });
+        let waited = false;
+        const wait = (text) => {
+          waited = true;
+          this.announce(text);
+        };
         try {
-          const part = await fetched(`${this.place.dataset.source}&${query}`, () => {}, signal);
+          const part = await fetched(`${this.place.dataset.source}&${query}`, wait, signal);
+          if (signal.aborted) return;
           chart.setData([part.time_s, part.low, part.high ?? part.low]);
+          if (waited) this.state();
         } catch (error) {
           if (error.name !== "AbortError") this.announce(error.message);
         }
@@ -346,14 +342,7 @@
     }
   }
 
-  ballscrew.charts.signals = async (place, first) => {
-    try {
-      const about = first.detail ? await fetched(place.dataset.source, (text) => message(place, text)) : first;
-      new Signals(place, about).start();
-    } catch (error) {
-      message(place, error.message);
-    }
-  };
+  ballscrew.charts.signals = (place, about) => new Signals(place, about).start();
 
   // --- trends of two axes ------------------------------------------------------------------------------------
 
