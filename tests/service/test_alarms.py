@@ -62,6 +62,7 @@ def test_an_alarm_is_raised_handled_and_retracted(client: TestClient, service: S
     assert act(client, alarm["id"], "acknowledge").json()["state"] == "acknowledged"
     assert act(client, alarm["id"], "shelve", until=tomorrow).json()["state"] == "shelved"
     assert act(client, alarm["id"], "close", text="nut was worn").json()["state"] == "closed"
+    assert act(client, alarm["id"], "acknowledge").status_code == 409  # of a window that is not up to date
     for run in RUNS[7:]:
         exclude(service.store, run.id, reason="loose sensor")
     note = [{"at": RUNS[0].measured_at, "kind": "note"}]

@@ -63,6 +63,8 @@ def act(alarm: str, action: Action, caller: AdminCaller, service: RunningService
     _check(action)
     with service.store.write("alarm") as session:
         kind, row = _find_alarm(session, alarm)
+        if alarm_document(session, row)["state"] == "closed" and action.action in ("acknowledge", "shelve"):
+            raise RefusedError(409, f"{alarm} was closed already; reopen it first.")
         taken = AlarmAction(
             action=_ACTIONS[action.action], until=action.until, text=action.text, actor=caller.name, at=now()
         )

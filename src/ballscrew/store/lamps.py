@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from typing import Any
 
-from sqlalchemy import and_, select
+from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
-from ballscrew.monitoring.epochs import moment
-from ballscrew.store.tables import Axis, Explanation, Setup, Trouble
+from ballscrew.monitoring.epochs import BEGINS, moment
+from ballscrew.store.tables import Axis, EventRow, Exclusion, Explanation, Setup, Trouble
 
 URGENCY = {
     "alarm": 0, "unloaded": 0, "watch": 1, "suspect": 2, "unknown": 3, "not assessed": 4, "learning": 5,
@@ -86,6 +86,7 @@ def add_lamps(
     for row in session.scalars(select(Trouble).where(Trouble.ended_at.is_(None)).order_by(Trouble.id)):
         trouble = {"id": f"trouble-{row.id}", "kind": row.kind, "text": row.text, "began_at": row.began_at}
         troubles.setdefault(row.axis_id, []).append(trouble)
+    resets = _newest_resets(session)
     for document in documents:
         number = numbers[document["axis"]]
         setup = setups.get(number)
@@ -99,6 +100,8 @@ def add_lamps(
         }
         if because is None and number in unassessed:
             because = "set aside"
+        if _is_reset(document["newest_at"], resets.get(number), at):
+            because = "reset"
         document["lamp"] = _lamp(document["state"], because)
 
 
@@ -112,6 +115,24 @@ def _axes(session: Session) -> tuple[dict[str, int], set[int]]:
         if state == "suspect":
             unassessed.add(number)
     return numbers, unassessed
+
+
+def _newest_resets(session: Session) -> dict[int, float]:
+    """Time of the newest event of each axis that begins a new baseline, s since 1970."""
+    excluded = select(Exclusion.event_id).where(Exclusion.event_id.is_not(None), Exclusion.ended_at.is_(None))
+    found = session.execute(
+        select(EventRow.axis_id, func.max(EventRow.time))
+        .where(EventRow.kind.in_(BEGINS), EventRow.id.not_in(excluded))
+        .group_by(EventRow.axis_id)
+    )
+    return {number: time for number, time in found}  # noqa: C416  rows are no pairs to mypy
+
+
+def _is_reset(newest: str | None, reset: float | None, at: datetime) -> bool:
+    """Whether a new baseline has begun since the newest run."""
+    if newest is None or reset is None:
+        return False
+    return moment(newest, "newest_at").timestamp() < reset <= at.timestamp()
 
 
 def due_at(setup: Setup | None, newest: str | None, calendar: RunCalendar = EVERY_DAY) -> str | None:
@@ -143,6 +164,6 @@ def _why_not_recent(
 
 def _lamp(state: str, because: str | None) -> dict[str, Any]:
     """State of the machine now: that of its newest assessment, or unknown without a recent one."""
-    if because is None or state in _REMAINING:
+    if because is None or (state in _REMAINING and because != "reset"):
         return {"state": state, "because": None}
     return {"state": "unknown", "because": because}
