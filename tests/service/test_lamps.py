@@ -123,9 +123,7 @@ def test_an_alarm_and_a_watch_stay_visible_without_data(lamp: Lamp, service: Ser
         assert lamp(365.0, state)["lamp"]["state"] == state
 
 
-def test_a_repair_after_the_newest_run_leaves_the_state_unknown(
-    lamp: Lamp, client: TestClient, service: Service
-) -> None:
+def test_a_repair_after_the_newest_run_leaves_the_state_unknown(lamp: Lamp, client: TestClient) -> None:
     event = {"at": (NEWEST + timedelta(days=1)).isoformat(), "kind": "greased"}
     assert client.post("/api/v1/axes/bench/events", json=[event]).status_code == 200
     assert lamp(2.0, "alarm")["lamp"]["state"] == "alarm"
