@@ -174,7 +174,7 @@ def translated(text: str, gettext: Callable[[str], str]) -> str:
 
 def _translated(text: str, gettext: Callable[[str], str], depth: int) -> str:
     """Translation of reasons with semicolons between them, the first ones of very many."""
-    found = []
+    found: list[str] = []
     for _ in range(_MOST_REASONS):
         whole = _translated_reason(text, gettext, depth)
         if whole is not None:
