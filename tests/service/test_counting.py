@@ -28,7 +28,8 @@ def send_trips(client: TestClient, name: str, trips: str, **changes: Any) -> Non
     """Send a run that was analysed at the machine from the trips of these numbers."""
     files = tuple(TRIPS[int(number) - 1] for number in trips)
     number = {"incomplete": 5, "complete": 6, "more": 7}[name]
-    assert send_result(client, number, key=name, id=name, files=files, **changes).status_code == 202
+    given = {"key": name, "id": name, "files": files} | changes
+    assert send_result(client, number, **given).status_code == 202
 
 
 def counting(client: TestClient) -> set[str]:
@@ -74,6 +75,65 @@ def test_parts_of_a_bad_run_that_does_not_count_stay(client: TestClient) -> None
     send_trips(client, "complete", "2", quality=BAD)
     send_trips(client, "more", "12", quality=BAD)
     assert counting(client) == {"incomplete", "complete"}
+
+
+def act(client: TestClient, action: str, run: str) -> str:
+    """Exclude, include or correct a run as a person; the id of the result."""
+    url = f"/api/v1/axes/bench/runs/{run}"
+    if action == "exclude":
+        answer = client.post(f"{url}/exclusion", json={"reason": "a test"})
+    elif action == "include":
+        answer = client.delete(f"{url}/exclusion")
+    else:
+        answer = client.post(f"{url}/correct", json={"measured_at": RUNS[4].measured_at, "reason": "a test"})
+    assert answer.status_code == 200
+    return str(answer.json()["id"])
+
+
+@pytest.mark.parametrize("doubtful", ["incomplete", "complete"])
+def test_a_part_whose_time_is_corrected_does_not_count_beside_the_whole(
+    client: TestClient, doubtful: str
+) -> None:
+    for name, trips in (("incomplete", "12"), ("complete", "123")):
+        send_trips(client, name, trips, **({"measured_at": FUTURE} if name == doubtful else {}))
+    assert counting(client) == {"incomplete", "complete"} - {doubtful}
+    corrected = act(client, "correct", doubtful)
+    assert counting(client) == {corrected if doubtful == "complete" else "complete"}
+    assert client.get("/api/v1/axes/bench").json()["shared_recordings"] == []
+
+
+def test_a_part_that_a_person_includes_again_does_not_count_beside_the_whole(client: TestClient) -> None:
+    send_trips(client, "incomplete", "12")
+    act(client, "exclude", "incomplete")
+    send_trips(client, "complete", "123")
+    act(client, "include", "incomplete")
+    assert counting(client) == {"complete"}
+
+
+@pytest.mark.parametrize("order", list(permutations(("incomplete", "complete", "more"))))
+def test_the_most_complete_part_counts_while_the_whole_is_excluded(
+    client: TestClient, order: tuple[str, ...]
+) -> None:
+    trips = {"incomplete": "12", "complete": "123", "more": "1234"}
+    for name in order:
+        send_trips(client, name, trips[name])
+    act(client, "exclude", "more")
+    assert counting(client) == {"complete"}
+    act(client, "exclude", "complete")
+    assert counting(client) == {"incomplete"}
+    act(client, "include", "more")
+    assert counting(client) == {"more"}
+    corrected = act(client, "correct", "more")
+    act(client, "exclude", corrected)
+    assert counting(client) == {"incomplete"}  # the other one is excluded by a person
+
+
+def test_a_part_counts_once_the_whole_is_bad(client: TestClient) -> None:
+    send_trips(client, "incomplete", "12")
+    send_trips(client, "complete", "123")
+    made = replace(RUNS[6].made, settings={**RUNS[6].made.settings, "another": 1})
+    send_trips(client, "complete", "123", quality=BAD, made=made, key="another")
+    assert counting(client) == {"incomplete"}
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from ballscrew.monitoring.epochs import Event
 from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.channels import read_channels
 from ballscrew.service.access import AdminCaller, Caller, RunningService, find_sent_axis
-from ballscrew.service.counting import check_time
+from ballscrew.service.counting import check_time, is_part, update_parts
 from ballscrew.service.jobs import request_assessment
 from ballscrew.service.reading import missing_of
 from ballscrew.service.serving import RefusedError, Service
@@ -191,7 +191,13 @@ def _exclude(
 ) -> dict[str, Any]:
     """Exclude a run or an event, or include it where there is no reason, and assess its axis."""
     subject = _find(service, axis, column, subject, caller)
+    is_run = column is RunRow.run
+    with service.store.read() as session:
+        is_decided = is_run and reason is None and is_part(session, subject)  # a person wants both to count
     exclude(service.store, subject, reason=reason or "", undo=reason is None, by=caller.name)
+    if is_run and not is_decided:
+        with service.store.write("parts") as session:
+            update_parts(session, subject, caller.name)
     _assess_soon(service, axis)
     return {"schema": SCHEMA, "axis": axis, "id": subject, "excluded": reason is not None}
 
@@ -212,6 +218,8 @@ def correct_stored_run(
         reason=body.reason,
         by=caller.name,
     )
+    with service.store.write("parts") as session:
+        update_parts(session, new, caller.name)
     _assess_soon(service, axis)
     return {"schema": SCHEMA, "axis": axis, "id": new, "supersedes": run}
 

@@ -11,14 +11,17 @@ from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError
 from ballscrew.monitoring.epochs import moment
-from ballscrew.store.changing import SERVER, insert_exclusion
+from ballscrew.store.changing import SERVER, end_exclusions, insert_exclusion, standing_exclusions
 from ballscrew.store.lamps import CLOCK_TOLERANCE
-from ballscrew.store.reading import current_rows
+from ballscrew.store.reading import current_rows, find_run, newest_version, run_versions
 from ballscrew.store.tables import Axis, Exclusion, RecordingRow, ResultRow, RunRow, Upload
 
 FAR = 366 * 24 * 3600.0
 """A time that differs by more from the receipt and from every other run of the axis is doubtful, s: a clock
 that lost its battery begins years ago."""
+
+_PART = "its recordings are a part of those of the run "
+_BAD = "is bad, and contains the recordings of the run "
 
 
 def doubt_of_time(measured_at: str | None, received_at: str, others: Sequence[float]) -> str | None:
@@ -114,10 +117,12 @@ def exclude_as_needed(session: Session, axis: Axis, sent: Upload, *, is_new: boo
     run = session.scalars(select(RunRow).where(RunRow.run == sent.run)).all()[0]
     others = _counting_times(session, axis.id, run.run)
     doubt = doubt_of_time(run.measured_at, sent.received_at, others)
-    if doubt is None:
-        exclude_parts(session, axis, run, sent.sender)
-    else:
+    if doubt is not None:
         insert_exclusion(session, run, doubt, SERVER)
+        return doubt
+    if _is_bad(session, run):  # which an earlier result of it was not
+        _include_parts(session, axis, run, sent.sender)
+    exclude_parts(session, axis, run, sent.sender)
     return doubt
 
 
@@ -150,6 +155,49 @@ def exclude_parts(session: Session, axis: Axis, run: RunRow, by: str) -> None:
         insert_exclusion(session, row, reason, by)
 
 
+def is_part(session: Session, run: str) -> bool:
+    """Whether a run is excluded because another with its recordings counts."""
+    reasons = [each.reason for each in standing_exclusions(session, find_run(session, run))]
+    return any(reason.startswith((_PART, _BAD)) for reason in reasons)
+
+
+def update_parts(session: Session, run: str, by: str) -> None:
+    """Exclude the parts of a run that counts now, or include those of one that no longer does.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    run : str
+        Id of the run, after it was corrected, excluded or included.
+    by : str
+        Who did that.
+    """
+    row = _newest(session, find_run(session, run))
+    axis = session.get_one(Axis, row.axis_id)
+    if row.id in {each.id for each in current_rows(session, axis)}:
+        exclude_parts(session, axis, row, by)
+    else:
+        _include_parts(session, axis, row, by)
+
+
+def _include_parts(session: Session, axis: Axis, whole: RunRow, by: str) -> None:
+    """Include the parts of a run that no longer counts, unless they are those of another run that does."""
+    versions = select(RunRow.run).where(RunRow.id.in_(run_versions(session, whole)))
+    reasons = [_part_reason(each) for each in session.scalars(versions)]
+    found = select(RunRow).join(Exclusion, Exclusion.run_id == RunRow.id).order_by(RunRow.id)
+    found = found.where(RunRow.axis_id == axis.id, Exclusion.ended_at.is_(None))
+    parts = session.scalars(found.where(Exclusion.reason.in_(reasons))).all()
+    for part in parts:
+        end_exclusions(session, part, f"the run {whole.run} does not count.", by)
+    for part in parts:
+        exclude_parts(session, axis, _newest(session, part), by)
+
+
+def _newest(session: Session, row: RunRow) -> RunRow:
+    return find_run(session, newest_version(session, row))
+
+
 def _sharing(session: Session, run: RunRow) -> list[RunRow]:
     """Other runs of the axis with a recording of a run."""
     recordings = select(RecordingRow.sha256).where(RecordingRow.run_id == run.id)
@@ -164,8 +212,12 @@ def _excluded_of(session: Session, first: RunRow, second: RunRow) -> list[tuple[
     if not _recordings(session, part) < _recordings(session, whole):
         return []
     if _is_bad(session, whole) and not _is_bad(session, part):
-        return [(whole, f"is bad, and contains the recordings of the run {part.run}, which counts.")]
-    return [(part, f"its recordings are a part of those of the run {whole.run}, which counts.")]
+        return [(whole, f"{_BAD}{part.run}, which counts.")]
+    return [(part, _part_reason(whole.run))]
+
+
+def _part_reason(whole: str) -> str:
+    return f"{_PART}{whole}, which counts."
 
 
 def _recordings(session: Session, run: RunRow) -> set[str]:

@@ -89,7 +89,7 @@ def correct_run(
         if session.scalar(select(Correction.id).where(Correction.subject == new)) is None:
             _record_corrections(session, row, new, reason, by or actor())
         if measured_at is not None:
-            _include(session, row, "its time was corrected.", by or actor(), (SERVER,))
+            end_exclusions(session, row, "its time was corrected.", by or actor(), (SERVER,))
     return new
 
 
@@ -260,7 +260,7 @@ def exclude(
         if found is None:
             found = find_run(session, subject)
         if undo:
-            _include(session, found, reason, by)
+            end_exclusions(session, found, reason, by)
         else:
             insert_exclusion(session, found, reason, by)
         return _id_of(found)
@@ -300,10 +300,24 @@ def standing_exclusions(session: Session, row: RunRow | EventRow) -> Sequence[Ex
     return session.scalars(select(Exclusion).where(of_subject, Exclusion.ended_at.is_(None))).all()
 
 
-def _include(
+def end_exclusions(
     session: Session, row: RunRow | EventRow, reason: str, by: str, actors: Sequence[str] = ()
 ) -> None:
-    """End the exclusions of a run or an event, or only those by some actors."""
+    """End the exclusions of a run or an event, or only those by some actors.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    row : RunRow or EventRow
+        Its row.
+    reason : str
+        Why.
+    by : str
+        Who wants it.
+    actors : sequence of str
+        Whose exclusions end; by default everyone's.
+    """
     found = []
     for exclusion in standing_exclusions(session, row):
         if not actors or exclusion.actor in actors:
