@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ballscrew import InputError
-from ballscrew.cli.output import check_outputs, console
+from ballscrew.cli.output import check_outputs, console, progress_bar
 
 
 def test_an_output_is_neither_an_input_nor_another_output(tmp_path: Path) -> None:
@@ -30,6 +30,16 @@ def test_a_sentence_is_wrapped_at_words_below_its_first(capsys: pytest.CaptureFi
     assert all(line.startswith("    word") for line in others)
     assert max(map(len, (first, *others))) <= 100
     assert others[-1].endswith("word [1]")
+
+
+@pytest.mark.parametrize("as_lines", [False, True])
+def test_progress_is_lines_where_there_is_no_terminal(
+    capsys: pytest.CaptureFixture[str], as_lines: bool
+) -> None:
+    with progress_bar("making", as_lines=as_lines) as progress:
+        progress(1, 2, "mill 4 X\x1b")
+    expected = ["making …", "making: 1 of 2, mill 4 X\\x1b"] if as_lines else []
+    assert capsys.readouterr().err.splitlines() == expected
 
 
 @pytest.mark.parametrize("option", ["--spectra", "--plot"])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sqlite3
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -185,6 +187,18 @@ def test_another_folder_is_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=words), demo.demo_store(folder):
             pytest.fail("it was taken")
     assert (other / "letter.txt").read_text() == "mine"
+
+
+@pytest.mark.usefixtures("imitated_plant")
+def test_a_plant_of_an_older_schema_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    data = tmp_path / "plant"
+    with demo.demo_store(data):
+        pass
+    with closing(sqlite3.connect(DataFolder(data).sqlite)) as connection, connection:
+        connection.execute("UPDATE alembic_version SET version_num = '0003'")
+    words = "run 'ballscrew store migrate', or give --demo a new folder"
+    with pytest.raises(InputError, match=words), demo.demo_store(data):
+        pytest.fail("it was taken")
 
 
 def test_rows_have_the_time_of_the_history_in_its_block_only() -> None:

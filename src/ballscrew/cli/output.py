@@ -7,6 +7,7 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -142,8 +143,21 @@ def print_json(document: dict[str, Any]) -> None:
 
 
 @contextmanager
-def progress_bar(task: str) -> Iterator[files.Progress]:
-    """Progress bar on standard error, shown on a terminal only and removed when the work is done."""
+def progress_bar(task: str, *, as_lines: bool = False) -> Iterator[files.Progress]:
+    """Progress bar on standard error, shown on a terminal only and removed when the work is done.
+
+    Parameters
+    ----------
+    task : str
+        What is done.
+    as_lines : bool
+        Elsewhere than on a terminal, print a line for each part.
+    """
+    if as_lines and not sys.stderr.isatty():
+        print_progress = partial(_print_progress, task)
+        print_progress(0, 0, "")
+        yield print_progress
+        return
     columns = (
         SpinnerColumn(),
         TextColumn(task),
@@ -157,6 +171,12 @@ def progress_bar(task: str) -> Iterator[files.Progress]:
     ) as bar:
         bar_id = bar.add_task("", total=None)
         yield lambda done, total, name: bar.update(bar_id, completed=done, total=total, description=name)
+
+
+def _print_progress(task: str, done: int, total: int, name: str) -> None:
+    text = f"{task}: {done} of {total}, {name}" if total else f"{task} …"
+    sys.stderr.write(f"{printable(text)}\n")
+    sys.stderr.flush()
 
 
 def report_quality(quality: Quality) -> int:

@@ -65,7 +65,7 @@ def serve(
         from ballscrew.service.demo import demo_store
 
         with ExitStack() as stack:
-            with progress_bar("making the simulated plant") as progress:
+            with progress_bar("making the simulated plant", as_lines=True) as progress:
                 folder = stack.enter_context(demo_store(data, progress))
             serve_store(folder, config=config, **options)
         return DONE

@@ -36,7 +36,7 @@ from ballscrew.service.working import AssessmentTask, do_task, finish
 from ballscrew.store.adding import reader_of
 from ballscrew.store.alarms import alarm_documents
 from ballscrew.store.folder import DataFolder, at_time, now
-from ballscrew.store.opened import create_store
+from ballscrew.store.opened import OpenStore, create_store
 from ballscrew.store.reading import find_axis
 from ballscrew.store.tables import JobRow, Upload
 
@@ -91,6 +91,10 @@ def _is_plant(data: Path) -> bool:
     if folder.exists():
         if not folder.is_simulated():
             raise InputError(f"{data}: contains another store; --demo needs a new folder.")
+        try:
+            OpenStore(data)
+        except InputError as error:  # such as an older schema
+            raise InputError(f"{str(error).rstrip('.')}, or give --demo a new folder.") from None
         return True
     if data.exists() and (not data.is_dir() or any(data.iterdir())):
         raise InputError(f"{data}: contains other files; --demo needs a new folder.")
