@@ -75,7 +75,7 @@ def compute_here(patched: pytest.MonkeyPatch) -> list[Any]:
     """Compute results in this process; the tasks."""
     tasks: list[Any] = []
 
-    def ask(self: on_demand.OnDemand, task: Any, target: Any) -> on_demand.Failure | None:  # noqa: ARG001
+    def ask(self: on_demand.OnDemand, task: Any, target: Any) -> on_demand.TaskFailure | None:  # noqa: ARG001
         tasks.append(task)
         return on_demand.compute(task, target)
 

@@ -33,7 +33,6 @@ _MOST_WAITING = 8  # tasks
 _MOST_BYTES = 4 << 30  # of all results of a kind; the oldest are removed
 _MOST_REFUSALS = 1000  # that are remembered
 _PAUSE = 60.0  # s until a result is tried again that failed for a reason which may pass
-_REMOVED = "removed-"
 
 
 class FileTask(Protocol):
@@ -45,7 +44,7 @@ class FileTask(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Failure:
+class TaskFailure:
     """Why there is no result.
 
     Parameters
@@ -78,7 +77,7 @@ def compute_tasks(pipe: Connection, scratch: str) -> None:
             pipe.send(compute(task, Path(target)))
 
 
-def compute(task: FileTask, target: Path) -> Failure | None:
+def compute(task: FileTask, target: Path) -> TaskFailure | None:
     """Compute a result and write it, whole or not at all; why not, or None."""
     folder = None
     try:
@@ -88,7 +87,7 @@ def compute(task: FileTask, target: Path) -> Failure | None:
             _remove(target)
         folder.rename(target)
     except BallscrewError as error:
-        return Failure(str(error), lasts=True)
+        return TaskFailure(str(error), lasts=True)
     except Exception as error:  # noqa: BLE001  of whatever kind, the process goes on
         return _unexpected(error)
     finally:
@@ -97,8 +96,8 @@ def compute(task: FileTask, target: Path) -> Failure | None:
     return None
 
 
-def _unexpected(error: Exception) -> Failure:
-    return Failure(f"unexpected error ({type(error).__name__}: {error})")
+def _unexpected(error: Exception) -> TaskFailure:
+    return TaskFailure(f"unexpected error ({type(error).__name__}: {error})")
 
 
 class OnDemand:
@@ -118,7 +117,7 @@ class OnDemand:
         self._lock = threading.Lock()
         self._tasks: queue.SimpleQueue[tuple[str, FileTask]] = queue.SimpleQueue()
         self._waiting: dict[str, threading.Event] = {}
-        self._refusals: dict[str, tuple[Failure, float]] = {}
+        self._refusals: dict[str, tuple[TaskFailure, float]] = {}
         self._thread: threading.Thread | None = None
         self._process: Any = None
         self._pipe: Connection | None = None
@@ -169,9 +168,9 @@ class OnDemand:
             return
         if failure.lasts:
             raise InputError(failure.sentence)
-        left = math.ceil(at + _PAUSE - time.monotonic())
-        if left > 0:
-            raise RefusedError(UNAVAILABLE, failure.sentence, {"Retry-After": str(left)})
+        pause = math.ceil(at + _PAUSE - time.monotonic())
+        if pause > 0:
+            raise RefusedError(UNAVAILABLE, failure.sentence, {"Retry-After": str(pause)})
         del self._refusals[key]
 
     def _enqueue(self, key: str, task: FileTask) -> threading.Event:
@@ -203,7 +202,7 @@ class OnDemand:
             deadline = time.monotonic() + _IDLE
         self._end_process()
 
-    def _answer(self, key: str, task: FileTask) -> Failure | None:
+    def _answer(self, key: str, task: FileTask) -> TaskFailure | None:
         """Why there is no result, or None."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -216,7 +215,7 @@ class OnDemand:
             self._end_process()
             return _unexpected(error)
 
-    def _finish(self, key: str, failure: Failure | None) -> None:
+    def _finish(self, key: str, failure: TaskFailure | None) -> None:
         with self._lock:
             if failure is not None:
                 if len(self._refusals) >= _MOST_REFUSALS:
@@ -238,7 +237,7 @@ class OnDemand:
         self._process.start()
         other.close()
 
-    def _ask(self, task: FileTask, target: Path) -> Failure | None:
+    def _ask(self, task: FileTask, target: Path) -> TaskFailure | None:
         """Let the process compute a result; why there is none, or None."""
         assert self._pipe is not None  # noqa: S101
         deadline = time.monotonic() + self.service.settings.lease_s
@@ -246,14 +245,14 @@ class OnDemand:
             self._pipe.send((task, str(target)))
             while not self._pipe.poll(_TICK):
                 if self.service.stopping.is_set():
-                    return Failure("the server stops.")
+                    return TaskFailure("the server stops.")
                 if time.monotonic() > deadline:
                     self._end_process()
-                    return Failure(f"it took more than {self.service.settings.lease_s:.0f} s.")
-            answer: Failure | None = self._pipe.recv()
+                    return TaskFailure(f"it took more than {self.service.settings.lease_s:.0f} s.")
+            answer: TaskFailure | None = self._pipe.recv()
         except (EOFError, OSError):
             self._end_process()
-            return Failure("the process that computes it ended.")
+            return TaskFailure("the process that computes it ended.")
         return answer
 
     def _end_process(self) -> None:
@@ -278,19 +277,16 @@ def _remove_oldest(folder: Path, limit: int) -> None:
             _remove(path)
 
 
+def _remove(path: Path) -> None:
+    """Remove a result whole: who reads it has all of its files, or no folder."""
+    folder = tempfile.TemporaryDirectory(prefix="removing-", dir=path.parent, ignore_cleanup_errors=True)
+    with folder as target, suppress(OSError):  # on Windows one that is being read stays
+        path.rename(Path(target) / path.name)
+
+
 def _is_whole(folder: Path) -> bool:
     """Whether there is a result, and not only what is left of one."""
     return (folder / "about.json").is_file()
-
-
-def _remove(folder: Path) -> None:
-    """Remove a result whole or not at all: Windows keeps files that are being read."""
-    removed = folder
-    if not folder.name.startswith(_REMOVED):
-        removed = folder.with_name(f"{_REMOVED}{folder.name}-{time.monotonic_ns()}")
-        with suppress(OSError):
-            folder.rename(removed)
-    shutil.rmtree(removed, ignore_errors=True)
 
 
 def not_yet(sentence: str) -> JSONResponse:
