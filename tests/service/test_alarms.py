@@ -89,7 +89,7 @@ def test_pages_and_actions_load_no_trouble_that_has_ended(
     assert set(made) == {"0"}
     made.clear()
     assert act(client, "trouble-7", "close", text="no sensor").json()["actions"][0]["text"] == "no sensor"
-    assert made == ["6"]
+    assert set(made) == {"6"}
     assert len(alarms(client)) == 30
 
 
