@@ -250,6 +250,20 @@ class _Tags(HTMLParser):
         self.attributes |= {name for name, _ in attrs}
 
 
+def test_an_axis_repaired_since_its_newest_run_is_unknown_and_needs_no_nut(tmp_path: Path) -> None:
+    store = Store(Store.init(tmp_path / "store").path)
+    add_axis(store, "bench", RUNS)
+    store.monitor("bench")
+    before = page_of(store, tmp_path, "bench")
+    add_events(store, (Event(at(40.0), "nut replaced", ""),), "bench")
+    store.monitor("bench")
+    after = page_of(store, tmp_path, "bench")
+    assert "UNKNOWN, it was repaired after its newest run; before: ALARM" in after
+    assert "a new baseline begins with the next run" in after
+    for text, page in ((True, before), (False, after)):
+        assert ("order a nut" in page.lower()) == text
+
+
 def test_hostile_names_are_shown_and_do_nothing(tmp_path: Path, written: list[str]) -> None:
     store = Store(Store.init(tmp_path / "store").path)
     runs = history([3.0 * day for day in range(4)])

@@ -34,6 +34,7 @@ _BECAUSE = {
     "no run": "it has no run",
     "future": "its newest run is in the future",
     "set aside": "its newest run was set aside",
+    "reset": "it was repaired after its newest run",
 }
 _OLD = ("overdue", "old")
 _CORRECT = "Correct the time of the newest run, which is in the future: 'ballscrew store correct'."
@@ -243,7 +244,10 @@ def _actions(axis: StoredAxis) -> list[str]:
         found.append("Run the test: nothing is known of the axis since its last run.")
     elif because == "future":
         found.append(_CORRECT)
-    if axis.explained and axis.document["lamp"]["because"] not in _OLD:
+    is_reset = axis.document["lamp"]["because"] == "reset"
+    if is_reset:
+        found.append("Run the test: a new baseline begins with the next run.")
+    if axis.explained and not is_reset and axis.document["lamp"]["because"] not in _OLD:
         found += axis.explained["actions"]
     return [*found, axis.why] if axis.why else found
 
