@@ -109,6 +109,15 @@ def test_a_wrong_database_is_a_sentence(tmp_path: Path, url: str, sentence: str)
 
 
 NEXT = f"{int(SCHEMA) + 1:04d}"
+
+
+def test_a_store_whose_settings_are_empty_says_so(tmp_path: Path) -> None:
+    store = Store.init(tmp_path / "a")
+    (store.path / "store.toml").write_bytes(b"")
+    with pytest.raises(InputError, match=r"store\.toml: is empty or cut"):
+        Store(store.path)
+
+
 LATER = f"""
 import sqlalchemy as sa
 from alembic import op

@@ -53,7 +53,7 @@ def serve(
     """Serve a store over HTTP: receive runs, analyse them, assess the axes, answer.
 
     Without any option, at http://127.0.0.1:8000 for this computer alone. Ctrl-C stops it. With `--demo`, a
-    plant is simulated first, within a minute; `--data` is then a new folder, or the one of an earlier demo.
+    plant is simulated first, in about a minute; `--data` is then a new folder, or the one of an earlier demo.
     """
     given = {"host": host, "port": port, "workers": workers}
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}

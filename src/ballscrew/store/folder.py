@@ -104,6 +104,8 @@ class DataFolder:
         fields = read_toml(self._config)
         fields.only(["layout", "database", "simulated"])
         layout = fields.table.get("layout")
+        if layout is None:
+            raise InputError(f"{self._config}: is empty or cut: restore it from a backup of the store.")
         if layout != _LAYOUT:
             raise InputError(
                 f"{self.path}: the layout of the store is {layout!r}; this version reads {_LAYOUT}."
