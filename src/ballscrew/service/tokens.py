@@ -89,9 +89,9 @@ def create_token(store: OpenStore, machine: str | None, *, admin: bool, by: str 
         raise InputError("a token is that of either an administrator (admin) or a machine (its name).")
     text = _BEGIN + secrets.token_urlsafe(_BYTES)
     with store.write("token create", beside_server=True) as session:
-        row = Token(digest=digest_of(text), machine_id=None, created_at=now())
+        row = Token(digest=digest_of(text), machine_id=None, created_at=now(), role="admin")
         if machine is not None:
-            row.machine_id = _find_machine(session, machine).id
+            row.machine_id, row.role = _find_machine(session, machine).id, None
         session.add(row)
         session.flush()
         record(session, "create", f"token {row.id}", machine=machine, by=by)

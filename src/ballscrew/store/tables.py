@@ -32,10 +32,10 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, Mapper, mapped_column
 
 from ballscrew.base.errors import InputError
 
-SCHEMA = "0004"
+SCHEMA = "0005"
 """Newest version of the schema, as Alembic has it."""
 
-SCHEMAS = ("0001", "0002", "0003", SCHEMA)
+SCHEMAS = ("0001", "0002", "0003", "0004", SCHEMA)
 """All of them, by age."""
 
 _LEVEL = 10  # of zstd
@@ -208,7 +208,10 @@ class Source(Checked, Base):
 
 
 class RawFile(Checked, Base):
-    """A raw file in the store, by its hash; where it was archived, the folder it was moved to."""
+    """A raw file in the store, by its hash; where it was archived, the folder it was moved to.
+
+    ``deleted_at`` is the time at which its content was deleted by the retention policy.
+    """
 
     __tablename__ = "files"
     sha256: Mapped[str] = mapped_column(primary_key=True)
@@ -217,6 +220,7 @@ class RawFile(Checked, Base):
     compression: Mapped[str]
     archived_to: Mapped[str | None]
     added_at: Mapped[str]
+    deleted_at: Mapped[str | None]
 
 
 class RecordingRow(Base):
@@ -481,7 +485,7 @@ class JobRow(Checked, Base):
 
 
 class Token(Checked, Base):
-    """A token of the service, by its hash: of an administrator, or of one machine."""
+    """A token of the service, by its hash: of one machine, or with a role (viewer, maintainer, admin)."""
 
     __tablename__ = "tokens"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -489,6 +493,44 @@ class Token(Checked, Base):
     machine_id: Mapped[int | None] = mapped_column(ForeignKey("machines.id"))
     created_at: Mapped[str]
     revoked_at: Mapped[str | None]
+    role: Mapped[str | None]
+    name: Mapped[str | None]
+
+
+class User(Checked, Base):
+    """A person who signs in; ``password`` is its argon2id hash, None until it has been chosen."""
+
+    __tablename__ = "users"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str] = mapped_column(unique=True)
+    role: Mapped[str]
+    password: Mapped[str | None]
+    created_at: Mapped[str]
+    disabled_at: Mapped[str | None]
+
+
+class UserSession(Checked, Base):
+    """A session of a user, by the hash of its cookie; seconds since 1970."""
+
+    __tablename__ = "user_sessions"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    digest: Mapped[str] = mapped_column(unique=True)
+    user_id: Mapped[int] = mapped_column(ForeignKey("users.id"), index=True)
+    begun: Mapped[float]
+    used: Mapped[float]
+    origin: Mapped[str]
+    revoked_at: Mapped[str | None]
+
+
+class Invitation(Checked, Base):
+    """A link by which a user chooses a password, once, until ``expires``, seconds since 1970."""
+
+    __tablename__ = "invitations"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    digest: Mapped[str] = mapped_column(unique=True)
+    user_id: Mapped[int] = mapped_column(ForeignKey("users.id"), index=True)
+    expires: Mapped[float]
+    used_at: Mapped[str | None]
 
 
 class Trouble(Checked, Base):
@@ -506,7 +548,10 @@ class Trouble(Checked, Base):
 
 
 class AlarmAction(Checked, Base):
-    """What a person did about an alarm or a trouble: acknowledged, shelved until a time, or closed."""
+    """What a person did about an alarm or a trouble: acknowledged, shelved until a time, or closed.
+
+    ``finding`` is what was found when it was closed, ``event`` the digest of the maintenance that followed.
+    """
 
     __tablename__ = "alarm_actions"
     id: Mapped[int] = mapped_column(primary_key=True)
@@ -517,6 +562,8 @@ class AlarmAction(Checked, Base):
     text: Mapped[str]
     actor: Mapped[str]
     at: Mapped[str]
+    finding: Mapped[str | None]
+    event: Mapped[str | None]
 
 
 class Message(Checked, Base):
@@ -529,6 +576,27 @@ class Message(Checked, Base):
     kind: Mapped[str]
     detail: Mapped[dict[str, Any]]
     at: Mapped[str]
+    sent_at: Mapped[str | None]
+
+
+class Delivery(Checked, Base):
+    """One message on its way to one recipient: the outbox rows that it reports, and its attempts.
+
+    ``key`` is its Message-ID or idempotency key, the same with each attempt; ``not_before`` is in seconds
+    since 1970. The status is queued, sent, failed (given up) or dropped (no longer true when due).
+    """
+
+    __tablename__ = "deliveries"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    key: Mapped[str] = mapped_column(unique=True)
+    recipient: Mapped[str]
+    kind: Mapped[str]
+    messages: Mapped[list[Any] | None]
+    status: Mapped[str]
+    attempts: Mapped[int]
+    not_before: Mapped[float]
+    error: Mapped[str | None]
+    created_at: Mapped[str]
     sent_at: Mapped[str | None]
 
 

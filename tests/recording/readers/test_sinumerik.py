@@ -10,7 +10,6 @@ import pytest
 from ballscrew.base.errors import InputError
 from ballscrew.recording.readers import reader_for
 from ballscrew.recording.readers.process import opened
-from ballscrew.recording.readers.process import opened
 from ballscrew.recording.readers.sinumerik import ResponseReader, TraceReader
 
 DIGITS = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ!#$`()*+-/:;=?@[]^_{|}~"
