@@ -24,21 +24,23 @@ _SPELLINGS = (
     (re.compile(r"·"), "*"),
 )
 
-# Factors of common units: pint needs 1 s of processor time to read its definitions, for the first unit.
+# Slope and offset of common units: pint needs 1 s of processor time to read its definitions, once.
 COMMON = {
-    ("mm", "m"): 1e-3,
-    ("um", "m"): 1e-6,
-    ("mm/s", "m/s"): 1e-3,
-    ("N/um", "N/m"): 1e6,
-    ("kN", "N"): 1e3,
-    ("Nm", "N m"): 1.0,
-    ("N*m", "N m"): 1.0,
-    ("N * m", "N m"): 1.0,
-    ("kN m/rad", "N m/rad"): 1e3,
-    ("kHz", "Hz"): 1e3,
-    ("ms", "s"): 1e-3,
-    ("min", "s"): 60.0,
-    ("GPa", "Pa"): 1e9,
+    ("mm", "m"): (1e-3, 0.0),
+    ("um", "m"): (1e-6, 0.0),
+    ("mm/s", "m/s"): (1e-3, 0.0),
+    ("N/um", "N/m"): (1e6, 0.0),
+    ("kN", "N"): (1e3, 0.0),
+    ("Nm", "N m"): (1.0, 0.0),
+    ("N*m", "N m"): (1.0, 0.0),
+    ("N * m", "N m"): (1.0, 0.0),
+    ("kN m/rad", "N m/rad"): (1e3, 0.0),
+    ("kHz", "Hz"): (1e3, 0.0),
+    ("ms", "s"): (1e-3, 0.0),
+    ("min", "s"): (60.0, 0.0),
+    ("GPa", "Pa"): (1e9, 0.0),
+    ("degC", "kelvin"): (1.0, 273.15),
+    ("°C", "kelvin"): (1.0, 273.15),
 }
 
 _LONGEST = 60
@@ -83,9 +85,9 @@ def conversion(unit: str, to: str) -> tuple[float, float]:
     """
     if unit == to:
         return 1.0, 0.0
-    factor = COMMON.get((re.sub("[µμ]", "u", unit), to))
-    if factor is not None:
-        return factor, 0.0
+    found = COMMON.get((re.sub("[µμ]", "u", unit), to))
+    if found is not None:
+        return found
     return conversion_by_pint(unit, to)
 
 

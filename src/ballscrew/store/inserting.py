@@ -105,9 +105,9 @@ def insert_run(session: Session, run: Run, revision: int) -> Added:
         raise InputError(f"{run.name}: names no axis; analyse it with a data sheet (--axis).")
     check_key("the run's id", run.id)
     check_key("the name of the axis", str(run.axis))
-    run = Run.from_json(run.to_json(), run.name)  # nine digits, as RUN.json has them
-    row = session.scalar(select(RunRow).where(RunRow.run == run.id))
     document = run.to_json()
+    run = Run.from_json(document, run.name)  # nine digits, as RUN.json has them
+    row = session.scalar(select(RunRow).where(RunRow.run == run.id))
     content = pack(document)
     notes: tuple[str, ...] = ()
     if row is None:
