@@ -16,10 +16,11 @@ from hypothesis import strategies as st
 from tests import translations
 from tests.code_counts import PACKAGE, ROOT, modules, tree
 
-from ballscrew.base.reasons import coded_reason, translated
+from ballscrew.base.reasons import ReaderLanguage, coded_reason, translated
 
 CATALOGUE = tomllib.loads((PACKAGE / "base" / "reasons.toml").read_text(encoding="utf-8"))
 TEMPLATES = CATALOGUE["prefixes"] | CATALOGUE["reasons"] | CATALOGUE["parts"]
+PAGES = CATALOGUE["pages"]
 GERMAN = PACKAGE / "locale" / "de" / "LC_MESSAGES" / "ballscrew.po"
 EXAMPLES = tomllib.loads((Path(__file__).parent / "german_reasons.toml").read_text(encoding="utf-8"))[
     "reason"
@@ -77,7 +78,7 @@ def german() -> gettext.NullTranslations:
 
 
 def german_of(text: str) -> str:
-    return translated(text, german().gettext)
+    return translated(text, ReaderLanguage(german().gettext))
 
 
 def literals(name: str) -> Iterator[str]:
@@ -125,7 +126,7 @@ def test_no_sentence_of_a_module_is_without_a_template(name: str) -> None:
 
 def test_no_template_is_without_a_sentence() -> None:
     """A sentence that was changed in the code is to be changed in the catalogue."""
-    source = {text for name in producers() | {"report.monitor_words"} for text in literals(name)}
+    source = {text for name in producers() | {"report.monitor_words", "report.what_to_do"} for text in literals(name)}
     joined = "\0".join(source)
 
     def ends(piece: str) -> bool:
@@ -146,7 +147,8 @@ def test_no_template_is_without_a_sentence() -> None:
 
 def test_every_template_is_in_the_german_catalogue() -> None:
     messages = translations.read_po(GERMAN)
-    assert [template for template in TEMPLATES.values() if not messages.get(template)] == []
+    templates = [*TEMPLATES.values(), *PAGES.values()]
+    assert [template for template in templates if not messages.get(template)] == []
 
 
 def test_the_compiled_catalogue_is_that_of_its_source() -> None:
@@ -157,13 +159,22 @@ def test_the_compiled_catalogue_is_that_of_its_source() -> None:
 
 
 def test_a_translation_has_the_numbers_and_parameters_of_its_template() -> None:
-    for template in TEMPLATES.values():
+    for template in (*TEMPLATES.values(), *PAGES.values()):
         german_text = german().gettext(template)
         assert sorted(PLACEHOLDER.findall(german_text)) == sorted(PLACEHOLDER.findall(template)), template
         literal, german_literal = (PLACEHOLDER.sub("", text) for text in (template, german_text))
         numbers = [re.findall(r"\d[\d.]*\d|\d", text) for text in (literal, german_literal)]
         if template not in (CATALOGUE["parts"]["cells-with-one"], CATALOGUE["parts"]["cell-with-one"]):
             assert sorted(numbers[0]) == sorted(numbers[1]), template
+
+
+def test_no_sentence_of_a_page_names_a_command() -> None:
+    """Each that does has another template for pages, with the same parameters or fewer."""
+    command = re.compile(r" --\w|'?ballscrew [a-z]|analyze |EVENTS\.toml")
+    shown = CATALOGUE["reasons"] | PAGES
+    assert {code: text for code, text in shown.items() if command.search(text)} == {}
+    for code, template in PAGES.items():
+        assert set(PLACEHOLDER.findall(template)) <= set(PLACEHOLDER.findall(TEMPLATES[code])), code
 
 
 def filled(template: str) -> str:

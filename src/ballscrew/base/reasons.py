@@ -1,7 +1,8 @@
 """Reasons as a code and parameters, by which a sentence can be shown in another language.
 
 Verdicts, doubts and alarms are reported as English sentences. ``reasons.toml`` has the template of each, from
-which code and parameters follow: documents of every age have them, and documents do not change.
+which code and parameters follow: documents of every age have them, and documents do not change. On a page
+some have another template, which names no command.
 """
 
 from __future__ import annotations
@@ -94,6 +95,7 @@ class _Catalogue:
     parts: tuple[_Template, ...]
     prefixes: tuple[_Template, ...]
     numbers: frozenset[str]
+    pages: Mapping[str, str]
 
     def divide(self, text: str) -> tuple[_Template, str, dict[str, str]] | None:
         """The words that name the file of a reason, the reason, and the names; None without a file."""
@@ -127,7 +129,8 @@ def _catalogue() -> _Catalogue:
         return tuple(sorted(found, key=lambda template: -sum(map(len, template.literals))))
 
     numbers = frozenset(document["numbers"])
-    return _Catalogue(templates("reasons"), templates("parts"), templates("prefixes"), numbers)
+    pages = {document["reasons"][code]: template for code, template in document["pages"].items()}
+    return _Catalogue(templates("reasons"), templates("parts"), templates("prefixes"), numbers, pages)
 
 
 @lru_cache(maxsize=1024)
@@ -154,35 +157,60 @@ def coded_reason(text: str) -> CodedReason | None:
     return CodedReason(found[0].code, text, names | found[1])
 
 
-def translated(text: str, gettext: Callable[[str], str]) -> str:
+@dataclass(frozen=True, slots=True)
+class ReaderLanguage:
+    """How a sentence is shown to its reader.
+
+    Parameters
+    ----------
+    gettext : callable
+        Returns the translation of a template, as :meth:`gettext.GNUTranslations.gettext`.
+    show : callable
+        Returns a number or a time as the reader's language has it; by default as the sentence has it.
+    """
+
+    gettext: Callable[[str], str]
+    show: Callable[[str], str] = str
+
+
+def page_template(template: str) -> str:
+    """Template of a sentence on a page: without commands, which a page has no use for."""
+    return _catalogue().pages.get(template, template)
+
+
+def translated(text: str, reader: ReaderLanguage, *, part: bool = False) -> str:
     """A sentence in another language.
 
     Parameters
     ----------
     text : str
         A reason, a note or the text of an alarm; or several, with semicolons between them.
-    gettext : callable
-        Returns the translation of a template, as :meth:`gettext.GNUTranslations.gettext`.
+    reader : Reader
+        Language, and form of the numbers.
+    part : bool
+        Whether the text may be a part of a sentence, as the name of a cause.
 
     Returns
     -------
     str
         With the same numbers and names; in English where the sentence is none of the catalogue.
     """
-    return _translated(text, gettext, _MOST_NESTED)
+    if part:
+        return _translated_part(text, reader, _MOST_NESTED)
+    return _translated(text, reader, _MOST_NESTED)
 
 
-def _translated(text: str, gettext: Callable[[str], str], depth: int) -> str:
+def _translated(text: str, reader: ReaderLanguage, depth: int) -> str:
     """Translation of reasons with semicolons between them, the first ones of very many."""
     found: list[str] = []
     for _ in range(_MOST_REASONS):
-        whole = _translated_reason(text, gettext, depth)
+        whole = _translated_reason(text, reader, depth)
         if whole is not None:
             return "; ".join([*found, whole])
         first, rest = _divided(text)
         if first is None:
             break
-        found.append(_translated_reason(first, gettext, depth) or first)
+        found.append(_translated_reason(first, reader, depth) or first)
         text = rest
     return "; ".join([*found, text])
 
@@ -195,35 +223,38 @@ def _divided(text: str) -> tuple[str | None, str]:
     return None, text
 
 
-def _translated_reason(text: str, gettext: Callable[[str], str], depth: int) -> str | None:
+def _translated_reason(text: str, reader: ReaderLanguage, depth: int) -> str | None:
     """Translation of one reason; None where the text is none of the catalogue."""
     catalogue = _catalogue()
     divided = catalogue.divide(text)
     if divided is not None and catalogue.find(divided[1]) is not None:
         prefix, sentence, names = divided
-        return _filled(prefix, names | {"reason": sentence}, gettext, depth)
+        return _filled(prefix, names | {"reason": sentence}, reader, depth)
     found = catalogue.find(text)
     if found is None:
         return None
-    return _filled(*found, gettext, depth)
+    return _filled(*found, reader, depth)
 
 
-def _filled(template: _Template, values: Mapping[str, str], gettext: Callable[[str], str], depth: int) -> str:
+def _filled(template: _Template, values: Mapping[str, str], reader: ReaderLanguage, depth: int) -> str:
     """Translation of a template with its parameters, each translated if it is a part of a sentence."""
     filled = {}
     for name, value in values.items():
-        filled[name] = value if name in _GIVEN_NAMES else _translated_part(value, gettext, depth)
-    return _PLACEHOLDER.sub(lambda match: filled.get(match[1], match[0]), gettext(template.text))
+        if name in _GIVEN_NAMES:
+            filled[name] = value
+        else:
+            filled[name] = reader.show(_translated_part(value, reader, depth))
+    return _PLACEHOLDER.sub(lambda match: filled.get(match[1], match[0]), reader.gettext(template.text))
 
 
-def _translated_part(value: str, gettext: Callable[[str], str], depth: int) -> str:
+def _translated_part(value: str, reader: ReaderLanguage, depth: int) -> str:
     """Translation of a parameter that is a part of a sentence, not too deep inside it."""
     if depth == 0:
         return value
     found = _catalogue().find(value, part=True)
     if found is not None:
-        return _filled(*found, gettext, depth - 1)
-    sentences = _translated(value, gettext, depth - 1)
+        return _filled(*found, reader, depth - 1)
+    sentences = _translated(value, reader, depth - 1)
     if sentences != value or ", " not in value:
         return sentences
-    return ", ".join(_translated_part(each, gettext, depth - 1) for each in value.split(", "))
+    return ", ".join(_translated_part(each, reader, depth - 1) for each in value.split(", "))

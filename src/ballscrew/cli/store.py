@@ -152,6 +152,10 @@ def show_store(store: OpenStore, subject: str, *, as_json: bool) -> int:
 def _print_axis(document: dict[str, Any]) -> None:
     screen = console()
     screen.print(stored_headline(document), markup=False)
+    for action in document["to_do"]:
+        screen.print(f"→ {action['text']}", markup=False)
+    for trouble in document["measurement"]["troubles"]:
+        screen.print(printable(f"Measurement: {trouble['text']}"), markup=False)
     screen.print(_runs(document["runs"]))
     for alarm in document["alarms"]:
         text = f"Alarm since {utc_minute(alarm['began_at'])}, raised {utc_minute(alarm['raised_at'])}"

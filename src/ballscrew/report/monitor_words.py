@@ -18,6 +18,8 @@ _UNLOADED = (
     "Replace or preload the nut now: little preload is left. A gentler motion measures how much, if the "
     "baseline was measured with it too (ballscrew plan --gentle)."
 )
+NOTHING = "Nothing to do: run the test again as planned."
+"""Advice where there is no other."""
 _AGAIN = "one run cannot distinguish an outlier from wear. Later than that, the next planned test decides."
 
 
@@ -107,7 +109,7 @@ def advice(monitored: Monitored) -> tuple[str, ...]:
         actions.append("Correct what made the newest run be set aside, then run the test again.")
     if state.stage is not None and state.stage.II > _GONE and state.urgency != "now":
         actions.append("The preload is probably gone: expect backlash, and replace or preload the nut.")
-    return tuple(actions)
+    return tuple(each for each in actions if each != NOTHING or len(actions) == 1)
 
 
 def _learning(state: HealthState) -> tuple[str, ...]:
@@ -133,7 +135,7 @@ def _learning(state: HealthState) -> tuple[str, ...]:
 
 
 def _normal(_: HealthState) -> tuple[str, ...]:
-    return ("Nothing to do: run the test again as planned.",)
+    return (NOTHING,)
 
 
 def _watch(state: HealthState) -> tuple[str, ...]:

@@ -25,6 +25,7 @@ from ballscrew.report.blocks import (
     short_name,
 )
 from ballscrew.report.canvas import FigureBase
+from ballscrew.report.what_to_do import WAIT
 from ballscrew.report.stored_words import RUN_WIDTH, changes, exclusions, stored_headline, utc_minute
 
 _NEWEST = 30  # runs in the table
@@ -37,7 +38,6 @@ _BECAUSE = {
     "reset": "it was repaired after its newest run",
 }
 _OLD = ("overdue", "old")
-_CORRECT = "Correct the time of the newest run, which is in the future: 'ballscrew store correct'."
 _TROUBLES = {"silence": "no run", "measurement": "bad", "assessment": "cannot be assessed"}
 _ROWS = (2.0, 0.9, 1.3)  # heights of the rows of a picture that is less high than by itself
 _DAY = len("2026-01-31")
@@ -238,18 +238,10 @@ def _conclusion(axis: StoredAxis) -> StateWords:
 
 
 def _actions(axis: StoredAxis) -> list[str]:
-    found = [f"Measurement: {each['text']}" for each in axis.troubles]
-    because = axis.document["measurement"]["because"]
-    if because in _OLD:
-        found.append("Run the test: nothing is known of the axis since its last run.")
-    elif because == "future":
-        found.append(_CORRECT)
-    is_reset = axis.document["lamp"]["because"] == "reset"
-    if is_reset:
-        found.append("Run the test: a new baseline begins with the next run.")
-    if axis.explained and not is_reset and axis.document["lamp"]["because"] not in _OLD:
-        found += axis.explained["actions"]
-    return [*found, axis.why] if axis.why else found
+    found = [str(each["text"]) for each in axis.document["to_do"]]
+    if axis.why:
+        found = [*(each for each in found if each != WAIT), axis.why]
+    return found
 
 
 def _key_numbers(axis: StoredAxis, at: datetime) -> ReportTable:
@@ -320,10 +312,11 @@ def _causes(axis: StoredAxis) -> list[ReportBlock]:
 
 
 def _doubts(axis: StoredAxis) -> list[str]:
+    found = [f"Measurement: {each['text']}" for each in axis.troubles]
     if not axis.explained:
-        return [f"Suspect: {reason}" for reason in axis.document["reasons"]]
+        return found + [f"Suspect: {reason}" for reason in axis.document["reasons"]]
     state = axis.explained["state"]
-    found = [f"Suspect: {reason}" for reason in state["reasons"]]
+    found += [f"Suspect: {reason}" for reason in state["reasons"]]
     found += [f"Nut: {reason}" for reason in state["nut_reasons"]]
     if state["not_judged"]:
         found.append(f"Not judged: {state['not_judged']}")

@@ -30,7 +30,7 @@ from ballscrew.store.explaining import find_explanation
 from ballscrew.store.lamps import add_lamps
 from ballscrew.store.opened import record
 from ballscrew.store.reading import find_axis, list_axes
-from ballscrew.store.showing import show_axis
+from ballscrew.store.showing import axis_document as stored_document
 from ballscrew.store.tables import (
     Audit,
     Axis,
@@ -123,13 +123,14 @@ def axis_document(service: Service, axis: str) -> dict[str, Any]:
     RefusedError
         404 if there is no such axis.
     """
-    try:
-        document = show_axis(service.store, axis)
-    except InputError as error:
-        raise RefusedError(404, str(error)) from None
     with service.store.read() as session:
+        try:
+            row = find_axis(session, axis)
+        except InputError as error:
+            raise RefusedError(404, str(error)) from None
+        document = stored_document(session, row)
         missing, refusals = _all_missing(session), _refusals(session)
-        document["explanation"] = find_explanation(session, find_axis(session, axis))
+        document["explanation"] = find_explanation(session, row)
         _add_missing(document, missing.get(axis, []), refusals.get(axis))
         add_lamps(session, [document], datetime.now(UTC), service.settings.calendar)
     return document

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import lru_cache
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import and_, select
 from sqlalchemy.orm import Session
 
 from ballscrew.base.jsonfile import plain
@@ -61,3 +63,20 @@ def find_explanation(session: Session, axis: Axis) -> dict[str, Any] | None:
         return None
     found: dict[str, Any] = unpack(row.document)
     return found
+
+
+def stored_advice(session: Session, axes: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Advice of the newest assessments, by the name of the axis, where its history has not changed since."""
+    newest = and_(Explanation.axis_id == Axis.id, Explanation.assessment_id == Axis.assessment_id)
+    rows = session.execute(
+        select(Axis.name, Explanation.document)
+        .join(Explanation, newest)
+        .where(Axis.changed_at.is_(None), Axis.name.in_(axes))
+    )
+    return {name: _actions(document) for name, document in rows}
+
+
+@lru_cache(maxsize=1024)
+def _actions(document: bytes) -> tuple[str, ...]:
+    """Advice in a stored explanation."""
+    return tuple(unpack(document)["actions"])

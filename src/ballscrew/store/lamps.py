@@ -1,4 +1,4 @@
-"""Two lamps of each axis: one of the machine, one of its measurement. No data is *unknown*."""
+"""Two lamps of each axis, one of the machine, one of its measurement, and what to do. No data is *unknown*."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from typing import Any
 from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
+from ballscrew.base.reasons import CodedReason, coded_reason
 from ballscrew.monitoring.epochs import BEGINS, moment
+from ballscrew.report.what_to_do import what_to_do
+from ballscrew.store.explaining import stored_advice
 from ballscrew.store.tables import Axis, EventRow, Exclusion, Explanation, Setup, Trouble
 
 URGENCY = {
@@ -65,16 +68,18 @@ EVERY_DAY = RunCalendar()
 def add_lamps(
     session: Session, documents: Sequence[dict[str, Any]], at: datetime, calendar: RunCalendar = EVERY_DAY
 ) -> None:
-    """Add ``lamp``, ``measurement`` and ``due_at`` to documents of axes.
+    """Add ``lamp``, ``measurement``, ``due_at`` and ``to_do`` to documents of axes.
 
     ``measurement`` has the troubles that stand, and whether the newest run is ``recent``, else ``because``.
+    ``to_do`` is a list of sentences with their codes and parameters, see
+    :func:`~ballscrew.report.what_to_do.what_to_do`.
 
     Parameters
     ----------
     session : Session
         Reading.
     documents : sequence of dict
-        Of axes, with their names, states and ``newest_at``.
+        Of axes, with their names, states and ``newest_at``; what they lack, as far as it is known.
     at : datetime
         The present time.
     calendar : RunCalendar
@@ -87,6 +92,7 @@ def add_lamps(
         trouble = {"id": f"trouble-{row.id}", "kind": row.kind, "text": row.text, "began_at": row.began_at}
         troubles.setdefault(row.axis_id, []).append(trouble)
     resets = _newest_resets(session)
+    advice = stored_advice(session, [document["axis"] for document in documents])
     for document in documents:
         number = numbers[document["axis"]]
         setup = setups.get(number)
@@ -103,6 +109,15 @@ def add_lamps(
         if _is_reset(document["newest_at"], resets.get(number), at):
             because = "reset"
         document["lamp"] = _lamp(document["state"], because)
+        document["to_do"] = coded_actions(document, advice.get(document["axis"], ()))
+
+
+def coded_actions(document: dict[str, Any], advice: Sequence[str]) -> list[dict[str, Any]]:
+    """What to do on an axis with lamps, as sentences with their codes and parameters."""
+    found = []
+    for sentence in what_to_do(document, advice):
+        found.append((coded_reason(sentence) or CodedReason("", sentence, {})).to_json())
+    return found
 
 
 def _axes(session: Session) -> tuple[dict[str, int], set[int]]:

@@ -25,7 +25,7 @@ from ballscrew.store.alarms import ENDED, alarm_documents
 from ballscrew.store.assessing import newest_assessment
 from ballscrew.store.explaining import explanation, find_explanation
 from ballscrew.store.folder import check_outside_stores
-from ballscrew.store.lamps import EVERY_DAY, RunCalendar, add_lamps
+from ballscrew.store.lamps import EVERY_DAY, RunCalendar, add_lamps, coded_actions
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.reading import find_axis
 from ballscrew.store.showing import axis_document
@@ -153,6 +153,7 @@ def _read(store: OpenStore, name: str, at: datetime, calendar: RunCalendar) -> S
     monitored, why = _assess(store, document, made)
     if explained is None and monitored is not None:  # of an assessment by an earlier version
         explained = explanation(monitored)
+        document["to_do"] = coded_actions(document, explained["actions"])
     return StoredAxis(
         document=document,
         place=place,

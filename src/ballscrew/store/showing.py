@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from typing import Any
 
 from sqlalchemy import or_, select
@@ -13,6 +14,7 @@ from ballscrew.base.provenance import digest
 from ballscrew.modal.amend import SUPERSEDES
 from ballscrew.monitoring.epochs import METHOD_CHANGED, moment
 from ballscrew.store.histories import axis_events
+from ballscrew.store.lamps import add_lamps
 from ballscrew.store.methods import used_result, used_results
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.reading import (
@@ -47,7 +49,7 @@ from ballscrew.store.tables import (
 
 
 def show_axis(store: OpenStore, name: str) -> dict[str, Any]:
-    """An axis: its newest assessment and trend, alarms, events, exclusions, corrections and conflicts.
+    """An axis: assessment and trend, what to do, alarms, events, exclusions, corrections and conflicts.
 
     Parameters
     ----------
@@ -67,11 +69,13 @@ def show_axis(store: OpenStore, name: str) -> dict[str, Any]:
         If there is no such axis.
     """
     with store.read() as session:
-        return axis_document(session, find_axis(session, name))
+        document = axis_document(session, find_axis(session, name))
+        add_lamps(session, [document], datetime.now(UTC))
+        return document
 
 
 def axis_document(session: Session, axis: Axis) -> dict[str, Any]:
-    """As :func:`show_axis`, in a transaction that has begun."""
+    """As :func:`show_axis`, in a transaction that has begun, and without its lamps."""
     assessment = None
     if axis.assessment_id is not None:
         assessment = session.get(Assessment, axis.assessment_id)

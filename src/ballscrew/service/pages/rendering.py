@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import gettext
 import hashlib
+import re
 from collections.abc import Mapping
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from decimal import Decimal
 from functools import cache
 from importlib.resources import files
 from typing import Any
 from urllib.parse import parse_qsl, quote, urlencode
 
-from babel.dates import format_datetime
+from babel.dates import format_date, format_datetime
 from babel.numbers import format_decimal
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, Response
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ballscrew._version import __version__
-from ballscrew.base.reasons import translated
+from ballscrew.base.reasons import ReaderLanguage, page_template, translated
 from ballscrew.monitoring.epochs import moment
 from ballscrew.report.canvas import STATE_SIGNS
 from ballscrew.service.serving import RefusedError, service_of
@@ -37,6 +38,12 @@ _HEADERS = {
 }
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".txt": "text/plain", ".svg": "image/svg+xml"}
 _UNKNOWN_SIGN = "○"
+MINUS = "\N{MINUS SIGN}"
+"""Sign of a negative number on pages; files for computers have a hyphen."""
+
+_DAY = re.compile(r"\d{4}-\d\d-\d\d")
+_MOMENT = re.compile(r"\d{4}-\d\d-\d\dT[\d:.]+(?:Z|[+-]\d\d:\d\d)")
+_NUMBER = re.compile(r"[±+-]?\d+(?:\.\d+)?(?: %)?")
 _MOMENTS = {"en": "yyyy-MM-dd HH:mm", "de": "dd.MM.yyyy HH:mm"}
 
 router = APIRouter(include_in_schema=False)
@@ -123,7 +130,7 @@ def environment_of(language: str) -> Environment:
         percent_of=lambda interval: format_percent(interval, language),
         moment=lambda text: format_moment(text, language),
         url=lambda text: quote(str(text), safe=""),
-        sentence=lambda text: translated(text, translations(language).gettext),
+        sentence=lambda text, part=False: page_sentence(text, language, part=part),
     )
     environment.globals.update(version=__version__, asset=asset_url, sign=sign_of, languages=LANGUAGES)
     return environment
@@ -139,12 +146,12 @@ def format_number(value: float | None, decimals: int, language: str) -> str:
     if value is None:
         return "–"
     pattern = "#,##0" + ("." + "0" * decimals if decimals else "")
-    return format_decimal(Decimal(f"{value:.{decimals}f}"), pattern, locale=language)
+    return format_decimal(Decimal(f"{value:.{decimals}f}"), pattern, locale=language).replace("-", MINUS)
 
 
 def significant(value: float, digits: int, language: str) -> str:
     """Number with significant digits."""
-    return format_decimal(value, "@" * digits, locale=language)
+    return format_decimal(value, "@" * digits, locale=language).replace("-", MINUS)
 
 
 def address_of(axis: str, page: str = "") -> str:
@@ -166,6 +173,29 @@ def format_moment(text: str | None, language: str) -> str:
     if text is None:
         return "–"
     return format_datetime(moment(text, "a time"), _MOMENTS[language], tzinfo=UTC, locale=language) + " UTC"
+
+
+def page_sentence(text: str, language: str, *, part: bool = False) -> str:
+    """A reason, or an action, in a language, with its numbers and times as all those of the pages."""
+    gettext = translations(language).gettext
+    reader = ReaderLanguage(
+        lambda template: gettext(page_template(template)), lambda value: _shown(value, language)
+    )
+    return translated(text, reader, part=part)
+
+
+def _shown(value: str, language: str) -> str:
+    """A number, a day or a time of a sentence as all those of the pages; another text as it is."""
+    if _DAY.fullmatch(value):
+        return format_date(date.fromisoformat(value), _MOMENTS[language].split()[0], locale=language)
+    if _MOMENT.fullmatch(value):
+        return format_moment(value, language)
+    if not _NUMBER.fullmatch(value):
+        return value
+    value = value.replace("-", MINUS)
+    if language == "de":
+        value = value.replace(".", ",")
+    return value
 
 
 def since(text: str, at: datetime) -> float:
