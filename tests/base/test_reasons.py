@@ -36,6 +36,7 @@ FURTHER_MODULES = {
     *("estimation.preload", "estimation.support", "estimation.temperature", "estimation.verdict"),
     *("modal.joint.verdicts", "modal.paper.judge", "monitoring.assessment", "monitoring.health"),
     *(
+        "monitoring.history_causes",
         "monitoring.state",
         "recording.quality.clock",
         "recording.drive_input",
@@ -126,7 +127,7 @@ def test_no_sentence_of_a_module_is_without_a_template(name: str) -> None:
 
 def test_no_template_is_without_a_sentence() -> None:
     """A sentence that was changed in the code is to be changed in the catalogue."""
-    source = {text for name in producers() | {"report.monitor_words", "report.what_to_do"} for text in literals(name)}
+    source = {text for name in producers() | {"report.monitor_words", "report.what_to_do", "service.reading"} for text in literals(name)}
     joined = "\0".join(source)
 
     def ends(piece: str) -> bool:

@@ -157,6 +157,15 @@ def coded_reason(text: str) -> CodedReason | None:
     return CodedReason(found[0].code, text, names | found[1])
 
 
+def coded(text: str) -> dict[str, Any]:
+    """JSON form of a sentence, or a part of one, with its code, which is empty where it has none."""
+    reason = coded_reason(text)
+    if reason is not None:
+        return reason.to_json()
+    template, values = _catalogue().find(text, part=True) or (_Template.of("", text), {})
+    return CodedReason(template.code, text, values).to_json()
+
+
 @dataclass(frozen=True, slots=True)
 class ReaderLanguage:
     """How a sentence is shown to its reader.

@@ -60,17 +60,18 @@ _DRAG_SHARES = np.linspace(0.05, 0.8, 16)  # part of the friction that is the nu
 _OIL = 0.03  # least uncertainty of ln friction: oil and temperature change it slowly
 _MASS = 1e-3  # least uncertainty of a change of ln equivalent mass
 _OTHER_MASS = 0.02  # standard deviation of ln equivalent mass by another load or torque scale
+_FOR, _AGAINST, _UNCLEAR = "for", "against", "unclear"  # evidence of a cause
 _DEFAULT_EVIDENCE = {
-    "nut": "the cells changed as expected of a softer nut",
-    "bearing": "the nut's softening under load has not changed as that of a worn nut",
-    "both": "the nut's softening under load has changed by less than the stiffness",
-    UNDECIDED: "the cells changed as expected of a softer nut or support bearing",
-    "load": "the masses of the runs show no other load",
-    "temperature": "the effect of the temperature is estimated and removed",
-    "lubrication": "an oil film causes a step that does not last",
-    "torque scale": "frequencies do not depend on the torque constant",
-    "sensor": "a displaced accelerometer causes a step",
-    "controller": "the natural frequency does not depend on the gains of the servo",
+    "nut": (_FOR, "the cells changed as expected of a softer nut"),
+    "bearing": (_FOR, "the nut's softening under load has not changed as that of a worn nut"),
+    "both": (_FOR, "the nut's softening under load has changed by less than the stiffness"),
+    UNDECIDED: (_FOR, "the cells changed as expected of a softer nut or support bearing"),
+    "load": (_AGAINST, "the masses of the runs show no other load"),
+    "temperature": (_AGAINST, "the effect of the temperature is estimated and removed"),
+    "lubrication": (_AGAINST, "an oil film causes a step that does not last"),
+    "torque scale": (_AGAINST, "frequencies do not depend on the torque constant"),
+    "sensor": (_UNCLEAR, "a displaced accelerometer causes a step"),
+    "controller": (_AGAINST, "the natural frequency does not depend on the gains of the servo"),
 }
 
 
@@ -85,7 +86,8 @@ class HistoryCause:
     probability : float
         Relative to the other causes; all sum to 1.
     evidence : str
-        Evidence for or against it, in words.
+        Evidence in words, a sentence for each kind, with ``; `` between them. Each begins with ``for: ``,
+        ``against: ``, or ``unclear: `` where it is neither.
     """
 
     cause: str
@@ -105,18 +107,20 @@ class _Evidence:
         for name in names:
             self.log_odds[name] += log_odds
 
-    def note(self, name: str, sentence: str) -> None:
-        self.sentences[name].append(sentence)
+    def note(self, name: str, sign: str, sentence: str) -> None:
+        self.sentences[name].append(f"{sign}: {sentence}")
 
-    def note_axial(self, sentence: str) -> None:
+    def note_axial(self, sign: str, sentence: str) -> None:
         """Note on the first cause that is a change of the stiffness."""
-        self.note(self.axial[0], sentence)
+        self.note(self.axial[0], sign, sentence)
 
     def ranked(self) -> tuple[HistoryCause, ...]:
         """Causes by their probability, the most probable first."""
         causes = []
         for name, probability in zip(self.log_odds, softmax(list(self.log_odds.values())), strict=True):
-            evidence = "; ".join(self.sentences[name]) or _DEFAULT_EVIDENCE[name]
+            if not self.sentences[name]:
+                self.note(name, *_DEFAULT_EVIDENCE[name])
+            evidence = "; ".join(self.sentences[name])
             causes.append(HistoryCause(name, float(probability), evidence))
         return tuple(sorted(causes, key=attrgetter("probability"), reverse=True))
 
@@ -157,18 +161,22 @@ def history_causes(
     evidence = _Evidence(_probabilities_by_cells(newest, of_nut, reference, model, settings))
     trend, sentence = trend_evidence(chart)
     evidence.add(_SUDDEN, -trend)
+    is_clear = abs(trend) > _CLEAR
     if trend > 0:
-        evidence.note_axial(sentence)
+        evidence.note_axial(_FOR if is_clear else _UNCLEAR, sentence)
     else:
-        evidence.note("load", sentence)
+        evidence.note("load", _FOR if is_clear else _UNCLEAR, sentence)
+    if is_clear:
+        evidence.note("sensor", _AGAINST if trend > 0 else _FOR, sentence)
     _add_friction(evidence, good, chart)
     _add_mass(evidence, good, chart)
     if not chart.design.has_temperature:
-        evidence.note("temperature", "no run has a temperature")
+        evidence.note("temperature", _UNCLEAR, "no run has a temperature")
     if UNDECIDED in evidence.axial:
         evidence.note_axial(
-            "frequencies and friction cannot separate a softer bearing from a softer nut; runs at two "
-            "acceleration levels, or a check of the bearing, can"
+            _UNCLEAR,
+            "frequencies and friction cannot separate a softer bearing from a softer nut: runs at two "
+            "acceleration levels, or a check of the bearing, can",
         )
     return evidence.ranked()
 
@@ -319,12 +327,12 @@ def _add_friction(evidence: _Evidence, good: Sequence[HistoryRow], chart: Chart)
     evidence.add(evidence.axial, log_odds)
     size = f"{100 * abs(math.expm1(value)):.1f} % ± {100 * spread:.1f} %"
     if log_odds > _NOTABLE:
-        evidence.note_axial(f"friction decreased by {size}, as that of a nut with less preload does")
+        evidence.note_axial(_FOR, f"friction decreased by {size}, as that of a nut with less preload does")
     elif log_odds < -_NOTABLE:
-        evidence.note_axial("friction did not decrease, as that of a nut with less preload would")
-        evidence.note("lubrication", f"friction changed by {size}")
+        evidence.note_axial(_AGAINST, "friction did not decrease, as that of a nut with less preload would")
+        evidence.note("lubrication", _FOR, f"friction changed by {size}")
     else:
-        evidence.note_axial("friction is not conclusive yet")
+        evidence.note_axial(_UNCLEAR, "friction is not conclusive yet")
 
 
 def _add_mass(evidence: _Evidence, good: Sequence[HistoryRow], chart: Chart) -> None:
@@ -337,10 +345,10 @@ def _add_mass(evidence: _Evidence, good: Sequence[HistoryRow], chart: Chart) -> 
     evidence.add(["load", "torque scale"], log_odds)
     if log_odds > _NOTABLE:
         sentence = f"the equivalent mass changed by {100 * math.expm1(value):+.2f} %"
-        evidence.note("load", sentence)
-        evidence.note("torque scale", sentence)
+        evidence.note("load", _FOR, sentence)
+        evidence.note("torque scale", _FOR, sentence)
     elif log_odds < -_NOTABLE:
-        evidence.note("load", "the equivalent mass has not changed")
+        evidence.note("load", _AGAINST, "the equivalent mass has not changed")
 
 
 def _log_change(values: Array, chart: Chart, floor: float) -> tuple[float, float] | None:

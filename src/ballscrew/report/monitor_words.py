@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 from ballscrew.estimation.causes import UNDECIDED
 from ballscrew.monitoring.state import LEAST_GOOD, HealthState, RunState
@@ -23,6 +24,13 @@ NOTHING = "Nothing to do: run the test again as planned."
 _AGAIN = "one run cannot distinguish an outlier from wear. Later than that, the next planned test decides."
 
 
+_STATES = {
+    "learning": "LEARNING", "normal": "NORMAL", "watch": "WATCH", "alarm": "ALARM", "unloaded": "UNLOADED",
+    "suspect": "SUSPECT",
+}  # fmt: skip
+_UNLOADS = "since the test's own load unloads it"
+
+
 def headline(monitored: Monitored) -> str:
     """State of the axis in one line.
 
@@ -36,27 +44,32 @@ def headline(monitored: Monitored) -> str:
     str
         State with the date of its run, date of the alarm, preload, runs set aside since, remaining life.
     """
+    return f"{monitored.state.axis or 'axis'}: {''.join(headline_parts(monitored))}"
+
+
+def headline_parts(monitored: Monitored) -> tuple[str, ...]:
+    """The headline without the name of the axis, in parts that each have a code and parameters."""
     state = monitored.state
-    axis, why, assessed = state.axis or "axis", state.why_unassessed, state.assessed
+    why, assessed = state.why_unassessed, state.assessed
     asks_for_nothing = state.state in ("learning", "normal")
-    line = f"{axis}: {state.state.upper()}"
+    parts = [_STATES[state.state]]
     if why and asks_for_nothing:
-        line = f"{axis}: NOT JUDGED: {why}"
+        parts = [f"NOT JUDGED: {why}"]
     if state.verdict != "good":
-        line += " (suspect)"
+        parts.append(" (suspect)")
     if state.state == "alarm" and state.alarm_at:
-        line += f" since {state.alarm_at[:10]}"
+        parts.append(f" since {state.alarm_at[:10]}")
     if assessed is None:
-        return line
+        return tuple(parts)
     day = assessed.reading.measured_at[:10]
     if why and state.state == "normal":
-        line += f"; NORMAL on {day}"
-    line += _estimate(assessed, day, state.urgency)
+        parts.append(f"; NORMAL on {day}")
+    parts += _estimate(assessed, day, state.urgency)
     if assessed.preload_below is not None and state.stage is not None:
-        line += f"; stage II with a probability of {state.stage.II:.2f}"
+        parts.append(f"; stage II with a probability of {state.stage.II:.2f}")
     if why and not asks_for_nothing:
-        line += f"; NOT JUDGED since then: {why}"
-    return line + _life(monitored)
+        parts.append(f"; NOT JUDGED since then: {why}")
+    return (*parts, *_life(monitored))
 
 
 def lamp(monitored: Monitored) -> str:
@@ -67,18 +80,16 @@ def lamp(monitored: Monitored) -> str:
     return state.state
 
 
-def _estimate(assessed: RunState, day: str, urgency: str) -> str:
+def _estimate(assessed: RunState, day: str, urgency: str) -> Iterator[str]:
     """Stiffness and preload of the run that the state is of."""
-    words = ""
     if assessed.stiffness is not None:
         low, high = assessed.stiffness.interval
-        words += f": axial stiffness as with {100 * assessed.stiffness.value:.0f} % of the preload on {day} "
-        words += f"({100 * low:.0f} to {100 * high:.0f} %)"
+        part = f": axial stiffness as with {100 * assessed.stiffness.value:.0f} % of the preload on {day} "
+        yield f"{part}({100 * low:.0f} to {100 * high:.0f} %)"
     if assessed.preload_below is not None:
-        urgent = ", URGENT" if urgency == "now" else ""
-        words += f"{urgent}: the nut's preload is below {100 * assessed.preload_below:.0f} % on {day}, since "
-        words += "the test's own load unloads it"
-    return words
+        if urgency == "now":
+            yield ", URGENT"
+        yield f": the nut's preload is below {100 * assessed.preload_below:.0f} % on {day}, {_UNLOADS}"
 
 
 def advice(monitored: Monitored) -> tuple[str, ...]:
@@ -172,21 +183,20 @@ def _alarm(state: HealthState) -> tuple[str, ...]:
 _ACTIONS = {"learning": _learning, "normal": _normal, "watch": _watch, "alarm": _alarm}
 
 
-def _life(monitored: Monitored) -> str:
+def _life(monitored: Monitored) -> Iterator[str]:
     state = monitored.state
     if monitored.prognosis is None or state.state in ("learning", "normal"):
-        return ""
+        return
     days = monitored.prognosis.rul_days
     low, middle, high = days.get(0.05), days.get(0.5), days.get(0.95)
     if low is None:
-        return ""
+        return
     if middle == 0:
-        return "; the end of life has been reached"
-    if state.assessed is None or state.assessed.stiffness is None:
-        return ""
-    if middle is None:
-        return f"; at least {low:.0f} days of life remain, the latest end is open"
-    latest = ""
-    if high is not None and math.isfinite(high):
-        latest = f", at most {high:.0f}"
-    return f"; at least {low:.0f} days of life remain (about {middle:.0f}{latest})"
+        yield "; the end of life has been reached"
+    elif state.assessed is not None and state.assessed.stiffness is not None:
+        if middle is None:
+            yield f"; at least {low:.0f} days of life remain, the latest end is open"
+        elif high is None or not math.isfinite(high):
+            yield f"; at least {low:.0f} days of life remain (about {middle:.0f})"
+        else:
+            yield f"; at least {low:.0f} days of life remain (about {middle:.0f}, at most {high:.0f})"

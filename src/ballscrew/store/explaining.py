@@ -10,8 +10,9 @@ from sqlalchemy import and_, select
 from sqlalchemy.orm import Session
 
 from ballscrew.base.jsonfile import plain
+from ballscrew.base.reasons import coded
 from ballscrew.prognosis.monitor import Monitored
-from ballscrew.report.monitor_words import advice, headline, lamp
+from ballscrew.report.monitor_words import advice, headline, headline_parts, lamp
 from ballscrew.store.tables import Axis, Explanation, unpack
 
 _BY_RUN = ("runs", "epochs", "made", "schema")  # stored as rows
@@ -29,7 +30,7 @@ def explanation(monitored: Monitored) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``headline``, ``lamp`` and ``actions``; ``state`` as :meth:`~ballscrew.HealthState.to_json` without
+        ``headline``, ``headline_parts`` with their codes and parameters, ``lamp`` and ``actions``; ``state`` as :meth:`~ballscrew.HealthState.to_json` without
         its runs; ``prognosis`` as of :class:`~ballscrew.Prognosis`, or None; ``ahead``, the forecast of
         P/P₀ from ``begins`` on: days, probabilities, and a row of quantiles for each day.
     """
@@ -48,6 +49,7 @@ def explanation(monitored: Monitored) -> dict[str, Any]:
         }
     return {
         "headline": headline(monitored),
+        "headline_parts": [coded(part) for part in headline_parts(monitored)],
         "lamp": lamp(monitored),
         "actions": list(advice(monitored)),
         "state": state,

@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
-from ballscrew.base.reasons import CodedReason, coded_reason
+from ballscrew.base.reasons import coded
 from ballscrew.monitoring.epochs import BEGINS, moment
 from ballscrew.report.what_to_do import what_to_do
 from ballscrew.store.explaining import stored_advice
@@ -114,10 +114,7 @@ def add_lamps(
 
 def coded_actions(document: dict[str, Any], advice: Sequence[str]) -> list[dict[str, Any]]:
     """What to do on an axis with lamps, as sentences with their codes and parameters."""
-    found = []
-    for sentence in what_to_do(document, advice):
-        found.append((coded_reason(sentence) or CodedReason("", sentence, {})).to_json())
-    return found
+    return [coded(sentence) for sentence in what_to_do(document, advice)]
 
 
 def _axes(session: Session) -> tuple[dict[str, int], set[int]]:

@@ -41,6 +41,7 @@ _UNKNOWN_SIGN = "○"
 MINUS = "\N{MINUS SIGN}"
 """Sign of a negative number on pages; files for computers have a hyphen."""
 
+_FINDINGS = re.compile("; (?=for: |against: |unclear: )")
 _DAY = re.compile(r"\d{4}-\d\d-\d\d")
 _MOMENT = re.compile(r"\d{4}-\d\d-\d\dT[\d:.]+(?:Z|[+-]\d\d:\d\d)")
 _NUMBER = re.compile(r"[±+-]?\d+(?:\.\d+)?(?: %)?")
@@ -130,6 +131,7 @@ def environment_of(language: str) -> Environment:
         percent_of=lambda interval: format_percent(interval, language),
         moment=lambda text: format_moment(text, language),
         url=lambda text: quote(str(text), safe=""),
+        findings=_FINDINGS.split,
         sentence=lambda text, part=False: page_sentence(text, language, part=part),
     )
     environment.globals.update(version=__version__, asset=asset_url, sign=sign_of, languages=LANGUAGES)
