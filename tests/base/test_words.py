@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from ballscrew.base.words import duration, percent, plural, without_repeats
+from ballscrew.base.words import duration, interval_words, percent, plural, without_repeats
 
 
 @pytest.mark.parametrize(
@@ -18,6 +18,22 @@ from ballscrew.base.words import duration, percent, plural, without_repeats
 )
 def test_two_digits_and_no_power_of_ten(part: float, words: str) -> None:
     assert percent(part) == words
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        (None, "–"),
+        ((0.876, 0.831, 0.94), "88 (83 to 94) %"),
+        ((0.9962, 0.9915, 1.0007), "99.6 (99.2 to 100.1) %"),
+        ((1.0, 0.99, 1.0101), "100 (99 to 101) %"),
+        ((0.3, 0.0, 0.55), "below 55 %"),
+    ],
+)
+def test_an_interval_has_tenths_of_a_percent_where_they_count(
+    numbers: tuple[float, ...] | None, words: str
+) -> None:
+    assert interval_words(numbers) == words
 
 
 def test_a_number_has_its_noun_in_the_singular_or_plural() -> None:

@@ -76,7 +76,7 @@ def test_no_combination_contradicts_itself() -> None:
             assert document["lamp"]["state"] == "normal"
             assert measurement["recent"]
             assert not measurement["troubles"]
-            assert not (document["changed_at"] or document.get("refusal") or document.get("missing"))
+            assert not any(document.get(name) for name in ("changed_at", "refusal", "missing"))
         kinds = {each["kind"] for each in measurement["troubles"]}
         assert (OVERDUE in found) == ("silence" in kinds)
         assert (BAD in found) == ("measurement" in kinds)
@@ -113,5 +113,7 @@ def test_no_combination_contradicts_itself() -> None:
         (axis("unknown", changed_at="2026-01-05", refusal="no model"), (), [REFUSED]),
     ],
 )
-def test_what_to_do_in_a_state(document: dict[str, Any], advice: tuple[str, ...], expected: list[str]) -> None:
+def test_what_to_do_in_a_state(
+    document: dict[str, Any], advice: tuple[str, ...], expected: list[str]
+) -> None:
     assert what_to_do(document, advice) == expected

@@ -17,6 +17,7 @@ from tests.store.stored import EVENTS, MODEL, RUNS, count
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import FileRef, digest
+from ballscrew.base.words import interval_words
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import Event
 from ballscrew.store.adding import add_events, add_model, add_run
@@ -102,9 +103,9 @@ def test_the_numbers_are_those_of_store_show(plant: Store, tmp_path: Path, writt
     assert len(assessed) == 2
     for row in assessed:
         shown = plant.show(row["axis"])
-        numbers = [f"{row['stiffness'][0]:.3f}", "{1:.3f} to {2:.3f}".format(*row["stiffness"])]
+        numbers = [interval_words(row["stiffness"])]
         for run in shown["runs"]:
-            numbers += [f"{run['stiffness'][0]:.3f}", "{1:.3f} to {2:.3f}".format(*run["stiffness"])]
+            numbers += [interval_words(run["stiffness"]), interval_words(run["nut"])]
         for number in numbers:
             assert number in page
             assert number in written
@@ -194,7 +195,7 @@ def test_a_state_without_a_schedule_is_unknown_when_it_is_old(plant: Store, tmp_
     assert ">no recent run<" in page
     assert ">good, not assessed<" in page
     assert ">good<" not in page.split("What to do")[0]
-    assert page.count("Run the test: nothing is known of the axis since its last run.") == 2
+    assert page.count("Run the test: the newest run is too old to show the present state.") == 2
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -213,7 +214,7 @@ def test_a_picture_is_drawn_only_of_the_assessment_that_is_stored(
     assert "Preload of every run" not in page
     assert "which is not of the present history" in page
     assert "Assess it by its present history and this version" in page
-    assert f"{plant.show('bench')['stiffness'][0]:.3f}" in page
+    assert interval_words(plant.show("bench")["stiffness"]) in page
 
 
 def test_the_same_store_and_time_give_the_same_file(plant: Store, tmp_path: Path) -> None:
@@ -259,7 +260,7 @@ def test_an_axis_repaired_since_its_newest_run_is_unknown_and_needs_no_nut(tmp_p
     store.monitor("bench")
     after = page_of(store, tmp_path, "bench")
     assert "UNKNOWN, it was repaired after its newest run; before: ALARM" in after
-    assert "a new baseline begins with the next run" in after
+    assert "a new baseline begins with the next one" in after
     for text, page in ((True, before), (False, after)):
         assert ("order a nut" in page.lower()) == text
 

@@ -76,6 +76,13 @@ class Quantity:
         return max(0, 1 - math.floor(math.log10(self.standard_uncertainty)))
 
 
+def quantity_numbers(quantity: Quantity | None) -> tuple[float, float, float] | None:
+    """Value and both ends of the 95 % interval of a quantity, or None."""
+    if quantity is None:
+        return None
+    return quantity.value, *quantity.interval
+
+
 def quantity_json(quantity: Quantity | None) -> dict[str, Any] | None:
     """JSON of a quantity, or None."""
     if quantity is None:

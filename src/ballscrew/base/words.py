@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 NONE = "–"
 """In place of a number that is not known."""
+_NARROW = 0.02  # width of an interval of P/P₀ below which tenths of a percent count
 _LEAST = 40  # characters of the end of a sentence that are not repeated
 
 
@@ -26,6 +27,11 @@ def percent(part: float) -> str:
     return f"{float(f'{100 * part:.2g}'):g} %"
 
 
+def fixed(value: float, decimals: int) -> str:
+    """A number with fixed decimals."""
+    return f"{value:.{decimals}f}"
+
+
 def plural(number: int, noun: str) -> str:
     """Number and noun, ``"1 cell"`` or ``"3 cells"``."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
@@ -39,27 +45,40 @@ def duration(seconds: float) -> str:
     return f"{minutes:.1f} min" if minutes < 120 else f"{minutes / 60:.1f} h"
 
 
-def value_words(numbers: Sequence[float] | None) -> str:
-    """P/P₀ of value and both ends of its interval: the value, ``"0.873"``."""
+def interval_decimals(numbers: Sequence[float]) -> int:
+    """Decimals in percent of P/P₀ with its interval: one where the interval is narrower than ± 1 %."""
+    _, low, high = numbers
+    return 1 if high - low < _NARROW else 0
+
+
+def interval_words(
+    numbers: Sequence[float] | None,
+    number: Callable[[float, int], str] = fixed,
+    gettext: Callable[[str], str] = str,
+) -> str:
+    """P/P₀ in percent with its interval, wherever one is printed or shown.
+
+    Parameters
+    ----------
+    numbers : sequence of float or None
+        Value and both ends of its interval.
+    number : callable
+        Writes a number with some decimals.
+    gettext : callable
+        Translates.
+
+    Returns
+    -------
+    str
+        ``"88 (83 to 94) %"``; ``"below 55 %"`` where it has an upper limit alone.
+    """
     if numbers is None:
         return NONE
-    return f"{numbers[0]:.3f}"
-
-
-def interval_words(numbers: Sequence[float] | None) -> str:
-    """P/P₀ of value and both ends of its interval: the interval, ``"0.851 to 0.894"``."""
-    if numbers is None:
-        return NONE
-    return f"{numbers[1]:.3f} to {numbers[2]:.3f}"
-
-
-def nut_words(numbers: Sequence[float] | None) -> str:
-    """P/P₀ of the nut, ``"0.62 to 0.94"``, or ``"below 0.55"`` where it has an upper limit alone."""
-    if numbers is None:
-        return NONE
-    if numbers[1] > 0:
-        return f"{numbers[1]:.2f} to {numbers[2]:.2f}"
-    return f"below {numbers[2]:.2f}"
+    decimals = interval_decimals(numbers)
+    value, low, high = (number(100 * each, decimals) for each in numbers)
+    if numbers[1] <= 0:
+        return gettext("below {high} %").format(high=high)
+    return gettext("{value} ({low} to {high}) %").format(value=value, low=low, high=high)
 
 
 def life_words(quantiles: Mapping[str, float | None]) -> str:

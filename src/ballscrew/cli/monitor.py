@@ -14,8 +14,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from ballscrew.base.errors import ALARM, DONE, UNASSESSED, WATCH, InputError
+from ballscrew.base.quantity import quantity_numbers
 from ballscrew.base.result import check_export
-from ballscrew.base.words import form, plural, without_repeats
+from ballscrew.base.words import form, interval_words, plural, without_repeats
 from ballscrew.calibration.modelfile import read_model
 from ballscrew.cli.output import (
     STATE_STYLE,
@@ -257,19 +258,12 @@ def _run_table(state: HealthState) -> Table:
         title += ", a line between two epochs"
     table = Table(title=title, title_justify="left")
     table.add_column("measured at")
-    for heading in ("stiffness\nas P/P₀", "95 %", "nut, 95 %", "slow wear\n/ limit", "recent wear\n/ limit"):
+    for heading in ("stiffness\nas P/P₀ (95 %)", "nut (95 %)", "slow wear\n/ limit", "recent wear\n/ limit"):
         table.add_column(heading, justify="right")
     table.add_column("state")
     for run, following in zip(shown, (*shown[1:], shown[-1]), strict=True):
-        row = [escape(str(run.reading.measured_at)[:TIME_WIDTH]), "–", "–", "–"]
-        if run.stiffness is not None:
-            low, high = run.stiffness.interval
-            row[1:3] = [f"{run.stiffness.value:.3f}", f"{low:.2f} to {high:.2f}"]
-        if run.preload_below is not None:
-            row[3] = f"below {run.preload_below:.2f}"
-        elif run.relative is not None:
-            low, high = run.relative.interval
-            row[3] = f"{low:.2f} to {high:.2f}"
+        row = [escape(str(run.reading.measured_at)[:TIME_WIDTH])]
+        row += [interval_words(quantity_numbers(quantity)) for quantity in (run.stiffness, run.relative)]
         row += [_with_limit(run.ramp, run.ramp_limit), _with_limit(run.odds, run.odds_limit)]
         row.append(f"[{STATE_STYLE[run.state]}]{run.state}[/]")
         table.add_row(*row, end_section=following.reading.epoch != run.reading.epoch)

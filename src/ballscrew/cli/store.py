@@ -13,7 +13,7 @@ from rich.table import Table
 
 from ballscrew.base.errors import DONE, WRONG_INPUT, InputError, printable
 from ballscrew.base.jsonfile import SCHEMA
-from ballscrew.base.words import interval_words, life_words, percent, plural, value_words
+from ballscrew.base.words import interval_words, life_words, percent, plural
 from ballscrew.cli.output import STATE_STYLE, console, print_json, progress_bar, right_aligned
 from ballscrew.report.stored_words import changes, exclusions, stored_headline, utc_minute
 
@@ -116,14 +116,14 @@ def list_store(store: OpenStore, *, as_json: bool) -> int:
     table = Table()
     for heading in ("site", "machine", "axis"):
         table.add_column(heading)
-    for heading in ("runs", "stiffness\nas P/P₀", "remaining\nlife, days"):
+    for heading in ("runs", "stiffness\nas P/P₀ (95 %)", "remaining\nlife, days"):
         table.add_column(heading, justify="right")
     for heading in ("state", "newest run"):
         table.add_column(heading)
     for row in document["axes"]:
         place = [escape(row[name] or "–") for name in ("site", "machine", "axis")]
         newest = utc_minute(row["newest_at"])
-        numbers = [str(row["runs"]), value_words(row["stiffness"]), life_words(row["rul_days"])]
+        numbers = [str(row["runs"]), interval_words(row["stiffness"]), life_words(row["rul_days"])]
         table.add_row(*place, *numbers, _state(row["state"]), newest)
     console().print(table)
     return DONE
@@ -212,14 +212,12 @@ def _runs(runs: Sequence[dict[str, Any]]) -> Table:
     table = Table(title=title, title_justify="left")
     for heading in ("run", "measured at", "load, kg", "measurement"):
         table.add_column(heading)
-    for heading in ("stiffness\nas P/P₀", "95 %"):
-        table.add_column(heading, justify="right")
+    table.add_column("stiffness\nas P/P₀ (95 %)", justify="right")
     table.add_column("state")
     for run in shown:
         load = "–" if run["mass_kg"] is None else f"{run['mass_kg']:g}"
         row = [escape(run["run"][:12]), utc_minute(run["measured_at"]), load]
-        stiffness = run["stiffness"]
-        row += [run["quality"] or "no result", value_words(stiffness), interval_words(stiffness)]
+        row += [run["quality"] or "no result", interval_words(run["stiffness"])]
         table.add_row(*row, _state(run["state"] if run["counts"] else "does not count"))
     return table
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.words import without_repeats
+from ballscrew.base.quantity import quantity_numbers
+from ballscrew.base.words import interval_words, without_repeats
 from ballscrew.monitoring.state import RunState
 from ballscrew.prognosis.monitor import Monitored
 from ballscrew.report.canvas import check_drawing
@@ -41,7 +42,7 @@ def axis_page(monitored: Monitored, names: Mapping[str, str], failures: Sequence
         f"{state.axis or 'Axis'}: preload of the ball screw",
         list(without_repeats(sentences)),
         _pictures(monitored),
-        ["measured at", "state", "stiffness as P/P₀", "95 % interval", "nut, 95 %", "run"],
+        ["measured at", "state", "stiffness as P/P₀ (95 %)", "nut (95 %)", "run"],
         rows,
         conclusion=headline(monitored),
         lamp=lamp(monitored),
@@ -63,20 +64,10 @@ def _pictures(monitored: Monitored) -> list[tuple[str, str]]:
 
 
 def _row(run: RunState, name: str) -> list[str]:
-    stiffness, interval, nut = "–", "–", "–"
-    if run.stiffness is not None:
-        low, high = run.stiffness.interval
-        stiffness, interval = f"{run.stiffness.value:.3f}", f"{low:.3f} to {high:.3f}"
-    if run.preload_below is not None:
-        nut = f"below {run.preload_below:.2f}"
-    elif run.relative is not None:
-        low, high = run.relative.interval
-        nut = f"{low:.2f} to {high:.2f}"
     return [
         run.reading.measured_at[:16].replace("T", " "),
         state_words(run.state),
-        stiffness,
-        interval,
-        nut,
+        interval_words(quantity_numbers(run.stiffness)),
+        interval_words(quantity_numbers(run.relative)),
         name,
     ]

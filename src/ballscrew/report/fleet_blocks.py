@@ -8,7 +8,7 @@ from datetime import datetime, timedelta
 from itertools import pairwise
 from statistics import median
 
-from ballscrew.base.words import NONE, interval_words, life_words, value_words
+from ballscrew.base.words import NONE, interval_words, life_words
 from ballscrew.monitoring.epochs import moment
 from ballscrew.report.blocks import (
     UNKNOWN,
@@ -87,7 +87,7 @@ def _fleet(axes: Sequence[StoredAxis], anchors: Sequence[str], at: datetime) -> 
     period = f"{begin:%Y-%m-%d} to {end:%Y-%m-%d}"
     columns = (
         TableColumn("state", 2.3), TableColumn("axis", 2.4), TableColumn("machine", 1.8),
-        TableColumn("stiffness as P/P₀", 1.4, right=True), TableColumn("95 %", 2.35, right=True),
+        TableColumn("stiffness as P/P₀ (95 %)", 3.0, right=True),
         TableColumn("remaining life, days (90 %)", 1.9, right=True), TableColumn("last run", 2.65),
         TableColumn("next run due", 2.65), TableColumn("standing alarm", 2.1),
         TableColumn("measurement", 2.15), TableColumn(period, 3.3),
@@ -105,12 +105,11 @@ def _fleet(axes: Sequence[StoredAxis], anchors: Sequence[str], at: datetime) -> 
 
 
 def _row(axis: StoredAxis, link: AxisLink, at: datetime, strip: StateStrip) -> tuple[TableCell, ...]:
-    stiffness = axis.document["stiffness"]
     alarms = [f"since {utc_minute(each['began_at'])[:10]}, {each['state']}" for each in axis.preload_alarms]
     return (
-        state_words(axis), link, short_name(", ".join(axis.place)) or NONE, value_words(stiffness),
-        interval_words(stiffness), life_words(axis.document["rul_days"]), last_words(axis, at),
-        due_words(axis), "; ".join(alarms) or NONE, measurement_words(axis), strip,
+        state_words(axis), link, short_name(", ".join(axis.place)) or NONE,
+        interval_words(axis.document["stiffness"]), life_words(axis.document["rul_days"]),
+        last_words(axis, at), due_words(axis), "; ".join(alarms) or NONE, measurement_words(axis), strip,
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from ballscrew.base.words import fixed, interval_decimals
 from ballscrew.estimation.causes import UNDECIDED
 from ballscrew.monitoring.state import LEAST_GOOD, HealthState, RunState
 from ballscrew.prognosis.monitor import Monitored
@@ -83,9 +84,9 @@ def lamp(monitored: Monitored) -> str:
 def _estimate(assessed: RunState, day: str, urgency: str) -> Iterator[str]:
     """Stiffness and preload of the run that the state is of."""
     if assessed.stiffness is not None:
-        low, high = assessed.stiffness.interval
-        part = f": axial stiffness as with {100 * assessed.stiffness.value:.0f} % of the preload on {day} "
-        yield f"{part}({100 * low:.0f} to {100 * high:.0f} %)"
+        shown = assessed.stiffness.value, *assessed.stiffness.interval
+        value, low, high = (fixed(100 * each, interval_decimals(shown)) for each in shown)
+        yield f": axial stiffness as with {value} % of the preload on {day} ({low} to {high} %)"
     if assessed.preload_below is not None:
         if urgency == "now":
             yield ", URGENT"

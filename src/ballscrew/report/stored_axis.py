@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from ballscrew.base.words import NONE, interval_words, life_words, nut_words, percent, plural, value_words
+from ballscrew.base.words import NONE, interval_words, life_words, percent, plural
 from ballscrew.monitoring.epochs import moment
 from ballscrew.prognosis.monitor import Monitored
 from ballscrew.report.blocks import (
@@ -25,8 +25,8 @@ from ballscrew.report.blocks import (
     short_name,
 )
 from ballscrew.report.canvas import FigureBase
-from ballscrew.report.what_to_do import WAIT
 from ballscrew.report.stored_words import RUN_WIDTH, changes, exclusions, stored_headline, utc_minute
+from ballscrew.report.what_to_do import WAIT
 
 _NEWEST = 30  # runs in the table
 _BECAUSE = {
@@ -250,17 +250,15 @@ def _key_numbers(axis: StoredAxis, at: datetime) -> ReportTable:
     if axis.counting:
         nut = axis.counting[-1]["nut"]
     columns = (
-        TableColumn("stiffness as P/P₀", 1.1, right=True),
-        TableColumn("95 %", 1.2, right=True),
-        TableColumn("nut as P/P₀, 95 %", 1.1, right=True),
+        TableColumn("stiffness as P/P₀ (95 %)", 1.7, right=True),
+        TableColumn("nut as P/P₀ (95 %)", 1.7, right=True),
         TableColumn("remaining life, days (90 %)", 1.5, right=True),
         TableColumn("last run", 1.7),
         TableColumn("next run due", 1.4),
         TableColumn("measurement", 1.6),
     )
-    stiffness = document["stiffness"]
     row = (
-        value_words(stiffness), interval_words(stiffness), nut_words(nut), life_words(document["rul_days"]),
+        interval_words(document["stiffness"]), interval_words(nut), life_words(document["rul_days"]),
         last_words(axis, at), due_words(axis), measurement_words(axis),
     )  # fmt: skip
     return ReportTable(columns, (row,))
@@ -356,8 +354,8 @@ def _runs_title(runs: Sequence[dict[str, Any]]) -> str:
 def _runs(runs: Sequence[dict[str, Any]]) -> list[ReportBlock]:
     columns = (
         TableColumn("measured at", 1.3), TableColumn("state", 1.2), TableColumn("measurement", 0.9),
-        TableColumn("stiffness as P/P₀", 1.1, right=True), TableColumn("95 %", 1.2, right=True),
-        TableColumn("nut as P/P₀, 95 %", 1.2, right=True), TableColumn("load, kg", 0.7, right=True),
+        TableColumn("stiffness as P/P₀ (95 %)", 1.75, right=True),
+        TableColumn("nut as P/P₀ (95 %)", 1.75, right=True), TableColumn("load, kg", 0.7, right=True),
         TableColumn("temperature, °C", 1.1, right=True), TableColumn("run", 1.2),
     )  # fmt: skip
     return _table(columns, (_run(run) for run in reversed(runs[-_NEWEST:])))
@@ -367,10 +365,9 @@ def _run(run: dict[str, Any]) -> tuple[TableCell, ...]:
     state = StateWords(run["state"], run["state"])
     if not run["counts"]:
         state = StateWords(UNKNOWN, "does not count")
-    stiffness = run["stiffness"]
     return (
-        utc_minute(run["measured_at"]), state, run["quality"] or "no result", value_words(stiffness),
-        interval_words(stiffness), nut_words(run["nut"]), _number(run["mass_kg"]),
+        utc_minute(run["measured_at"]), state, run["quality"] or "no result",
+        interval_words(run["stiffness"]), interval_words(run["nut"]), _number(run["mass_kg"]),
         _number(run["temperature_C"]), run["run"][:RUN_WIDTH],
     )  # fmt: skip
 

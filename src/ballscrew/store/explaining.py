@@ -30,7 +30,8 @@ def explanation(monitored: Monitored) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``headline``, ``headline_parts`` with their codes and parameters, ``lamp`` and ``actions``; ``state`` as :meth:`~ballscrew.HealthState.to_json` without
+        ``headline``, and its ``headline_parts`` with their codes and parameters; ``lamp`` and ``actions``;
+        ``state`` as :meth:`~ballscrew.HealthState.to_json` without
         its runs; ``prognosis`` as of :class:`~ballscrew.Prognosis`, or None; ``ahead``, the forecast of
         P/P₀ from ``begins`` on: days, probabilities, and a row of quantiles for each day.
     """

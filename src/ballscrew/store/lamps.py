@@ -1,4 +1,4 @@
-"""Two lamps of each axis, one of the machine, one of its measurement, and what to do. No data is *unknown*."""
+"""Two lamps of each axis, of the machine and of its measurement, and what to do. No data is *unknown*."""
 
 from __future__ import annotations
 

@@ -21,6 +21,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ballscrew._version import __version__
 from ballscrew.base.reasons import ReaderLanguage, page_template, translated
+from ballscrew.base.words import interval_words
 from ballscrew.monitoring.epochs import moment
 from ballscrew.report.canvas import STATE_SIGNS
 from ballscrew.service.serving import RefusedError, service_of
@@ -162,12 +163,9 @@ def address_of(axis: str, page: str = "") -> str:
 
 
 def format_percent(interval: list[float] | None, language: str) -> str:
-    """Value and ends of its interval in percent, ``88 (83 to 94) %``."""
-    if interval is None:
-        return "–"
-    value, low, high = (format_number(100 * each, 0, language) for each in interval)
-    to = translations(language).gettext("to")
-    return f"{value} ({low} {to} {high}) %"
+    """P/P₀ in percent with its interval, ``88 (83 to 94) %``, as the command line and reports have it."""
+    gettext = translations(language).gettext
+    return interval_words(interval, lambda value, decimals: format_number(value, decimals, language), gettext)
 
 
 def format_moment(text: str | None, language: str) -> str:

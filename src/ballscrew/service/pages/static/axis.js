@@ -16,7 +16,6 @@
   let trend = null;
 
   const element = (id) => document.getElementById(id);
-  const percent = (value) => ballscrew.number(100 * value, 0);
   const opened = (run) => location.assign(`/runs/${encodeURIComponent(run)}`);
   const seconds = (text) => new Date(/[zZ]|[+-]\d\d:?\d\d$/.test(text) ? text : `${text}Z`).getTime() / 1000;
   const finite = (values) => values.filter((value) => value !== null && Number.isFinite(value));
@@ -324,7 +323,12 @@
 
   // ---- readout --------------------------------------------------------------------------------------------
 
-  const interval = (each) => (each ? `${percent(each[0])} (${percent(each[1])} ${words.to} ${percent(each[2])}) %` : "–");
+  // As interval_words in base/words.py.
+  function interval(each) {
+    if (!each) return "–";
+    const [value, low, high] = each.map((part) => ballscrew.number(100 * part, each[2] - each[1] < 0.02 ? 1 : 0));
+    return (each[1] <= 0 ? words.below : words.interval).replace("{value}", value).replace("{low}", low).replace("{high}", high);
+  }
 
   function show(place) {
     const { runs } = trend;

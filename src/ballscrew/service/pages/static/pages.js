@@ -16,13 +16,14 @@ const ballscrew = (() => {
     return "02468".includes(below.at(-1)) ? below : rounded;
   }
 
+  // Negative numbers have a minus sign on pages, and a hyphen in files for computers.
   const number = (value, decimals = 2) =>
     value === null || value === undefined
       ? "–"
       : Number(round(value, decimals)).toLocaleString(language, {
           minimumFractionDigits: decimals,
           maximumFractionDigits: decimals,
-        });
+        }).replace("-", "−");
 
   function localTimes(root) {
     for (const each of root.querySelectorAll("time[datetime]")) {
@@ -78,7 +79,7 @@ const ballscrew = (() => {
   function csv(table) {
     const lines = [...table.rows]
       .filter((row) => !row.hidden)
-      .map((row) => [...row.cells].map((cell) => field(cell.innerText.trim().replace(/\s+/g, " "))).join(","));
+      .map((row) => [...row.cells].map((cell) => field(cell.innerText.trim().replace(/\s+/g, " ").replace(/−(?=\d)/g, "-"))).join(","));
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob(["\ufeff" + lines.join("\r\n") + "\r\n"], { type: "text/csv" }));
     link.download = `${table.dataset.csv}.csv`;
