@@ -18,7 +18,14 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as AsgiMessage
 
 from ballscrew.base.errors import BallscrewError, shown
-from ballscrew.service.serving import TOO_LARGE, RefusedError, Service, answer_refusal, service_of
+from ballscrew.service.serving import (
+    TOO_LARGE,
+    RefusedError,
+    Service,
+    UnknownAxisError,
+    answer_refusal,
+    service_of,
+)
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.tables import Axis, Token
 
@@ -124,7 +131,7 @@ def find_sent_axis(session: Session, name: str, caller: Caller) -> Axis:
     if caller.machine is not None and (row is None or row.machine_id != caller.machine):
         raise RefusedError(403, f"the token does not belong to the machine of an axis {shown(name)}.")
     if row is None:
-        raise RefusedError(404, f"there is no axis {shown(name)}; PUT /api/v1/axes/NAME adds it.")
+        raise UnknownAxisError(name, f"there is no axis {shown(name)}; PUT /api/v1/axes/NAME adds it.")
     return row
 
 

@@ -24,7 +24,7 @@ from ballscrew.base.result import not_executed
 from ballscrew.service.access import AdminCaller, AnyCaller, Caller, RunningService
 from ballscrew.service.jobs import ANALYSE, ASSESS, enqueue, job_documents
 from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_documents
-from ballscrew.service.serving import RefusedError, Service
+from ballscrew.service.serving import RefusedError, Service, UnknownAxisError
 from ballscrew.service.stored_runs import StoredRun, locate_run, result_document
 from ballscrew.store.explaining import find_explanation
 from ballscrew.store.lamps import add_lamps
@@ -120,14 +120,14 @@ def axis_document(service: Service, axis: str) -> dict[str, Any]:
 
     Raises
     ------
-    RefusedError
-        404 if there is no such axis.
+    UnknownAxisError
+        If there is no such axis.
     """
     with service.store.read() as session:
         try:
             row = find_axis(session, axis)
         except InputError as error:
-            raise RefusedError(404, str(error)) from None
+            raise UnknownAxisError(axis, str(error)) from None
         document = stored_document(session, row)
         missing, refusals = _all_missing(session), _refusals(session)
         document["explanation"] = find_explanation(session, row)

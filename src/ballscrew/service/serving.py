@@ -57,6 +57,22 @@ class RefusedError(BallscrewError):
         self.document = dict(document or {})
 
 
+class UnknownAxisError(RefusedError):
+    """There is no axis of a name.
+
+    Parameters
+    ----------
+    axis : str
+        The name.
+    message : str
+        A sentence.
+    """
+
+    def __init__(self, axis: str, message: str) -> None:
+        super().__init__(404, message)
+        self.axis = axis
+
+
 class ServedStore(OpenStore):
     """A store whose lock this process holds for as long as it serves: its threads write in turn."""
 

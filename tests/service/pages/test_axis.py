@@ -114,11 +114,14 @@ def test_hostile_names_are_text(client: TestClient) -> None:
 
 
 @pytest.mark.parametrize("axis", ["none", "<i>none</i>", "a/b", "bench/", "x" * 3000, "%00"])
-def test_an_unknown_axis_is_a_page_with_a_link_to_the_fleet(client: TestClient, axis: str) -> None:
-    answer = client.get(f"/axes/{quote(axis, safe='')}")
-    assert answer.status_code == 404
-    assert "<i>none" not in answer.text
-    assert '<a href="/">All axes</a>' in answer.text
+def test_an_unknown_axis_is_a_page_with_links_to_the_fleet_and_the_set_up(client: TestClient, axis: str) -> None:
+    for page in ("", "/actions", "/setup", "/calibration", "/report.html"):
+        answer = client.get(f"/axes/{quote(axis, safe='')}{page}", headers={"accept": "text/html"})
+        assert answer.status_code == 404
+        assert "<i>none" not in answer.text
+        assert "There is no axis “" in unescape(answer.text)
+        assert 'href="/">All axes</a>' in answer.text
+        assert 'href="/setup">Set up an axis</a>' in answer.text
     for name in ("trend", "frequencies", "mechanics"):
         assert client.get(f"/api/v1/axes/{quote(axis, safe='')}/{name}").status_code == 404
 

@@ -18,7 +18,7 @@ from ballscrew.base.provenance import digest
 from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.pages.rendering import render
 from ballscrew.service.reading import axis_document
-from ballscrew.service.serving import RefusedError, Service
+from ballscrew.service.serving import Service, UnknownAxisError
 from ballscrew.store.alarms import alarm_documents
 from ballscrew.store.reading import find_axis
 from ballscrew.store.reporting import report
@@ -40,7 +40,7 @@ def send_report(
     """Report of an axis as a file; 503 while another request computes: no thread waits for its turn."""
     with service.store.read() as session:
         if session.scalar(select(Axis.id).where(Axis.name == axis)) is None:
-            raise RefusedError(404, f"there is no axis {shown(axis)}.")
+            raise UnknownAxisError(axis, f"there is no axis {shown(axis)}.")
     with service.computing("a report"), tempfile.TemporaryDirectory(prefix="ballscrew-") as folder:
         path = Path(folder) / f"report.{kind}"
         report(service.store, axis, out=path, calendar=service.settings.calendar)
@@ -58,12 +58,7 @@ def show_axis_page(
     service: RunningService,
 ) -> Response:
     """An axis with its curves and tables; ``?part=live`` gives what changes, or 204 if nothing has."""
-    try:
-        context = _context(service, axis)
-    except RefusedError as error:
-        if error.status != 404:
-            raise
-        return render(request, "axis_unknown.html", 404, axis=axis)
+    context = _context(service, axis)
     stamp = digest(context)
     template = "axis.html"
     if request.query_params.get("part") == "live":

@@ -13,7 +13,7 @@ from starlette.exceptions import HTTPException
 from ballscrew.base.errors import BallscrewError, printable, shown
 from ballscrew.service.access import AdminCaller
 from ballscrew.service.pages.rendering import render
-from ballscrew.service.serving import UNPROCESSABLE, RefusedError, answer_refusal
+from ballscrew.service.serving import UNPROCESSABLE, RefusedError, UnknownAxisError, answer_refusal
 
 router = APIRouter(include_in_schema=False)
 
@@ -59,6 +59,8 @@ def is_of_browser(request: Request) -> bool:
 
 
 def _refusal_page(request: Request, error: Exception) -> HTMLResponse:
+    if isinstance(error, UnknownAxisError):
+        return render(request, "axis_unknown.html", error.status, axis=error.axis)
     if isinstance(error, HTTPException):
         status, sentence = error.status_code, ""
     elif isinstance(error, RequestValidationError):
