@@ -17,7 +17,7 @@ from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import digest
 from ballscrew.calibration.modelfile import KIND, model_from_json
 from ballscrew.fcft.plan import read_plan
-from ballscrew.monitoring.epochs import Event
+from ballscrew.monitoring.epochs import Event, moment
 from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.channels import read_channels
 from ballscrew.service.access import AdminCaller, Caller, RunningService, find_sent_axis
@@ -239,10 +239,11 @@ def _find(
 
 
 def _preview(service: Service, axis: str, events: tuple[Event, ...]) -> dict[str, Any]:
-    """State of an axis without and with further events."""
+    """State of an axis without and with further events, and whether one takes effect with the next run only."""
     with service.store.read() as session:
         history = read_stored_history(session, axis)
-    found = {}
+    newest = max(moment(str(run.measured_at), "a run: measured_at") for run in history.runs)
+    found: dict[str, Any] = {"from_next_run": any(event.when > newest for event in events)}
     with service.computing("a preview"):
         for name, more in (("before", ()), ("after", events)):
             state = monitor(history.runs, history.model, events=(*history.events, *more)).state

@@ -32,6 +32,25 @@ def test_an_event_is_previewed_and_then_stored(client: TestClient, service: Serv
     assert "The event is stored" in get(client, answer.headers["location"])
 
 
+@pytest.mark.parametrize(
+    ("kind", "sentence"),
+    [
+        ("nut replaced", "the next run begins a new baseline"),
+        ("greased", "From the next run on, a step of the values"),
+        ("note", "A note changes nothing after it either."),
+    ],
+)
+def test_a_preview_of_an_event_after_the_newest_run_says_what_comes_with_the_next(
+    client: TestClient, service: Service, kind: str, sentence: str
+) -> None:
+    fill_axis(client, service)
+    later = post(client, EVENTS, kind=kind, at="2026-03-20T10:00", do="preview").text
+    assert "The event is later than the newest run" in later
+    assert sentence in later
+    assert "stay as they are" not in later
+    assert "The event is later" not in post(client, EVENTS, kind=kind, at=AT, do="preview").text
+
+
 def test_a_mistaken_event_can_be_left_out_and_counted_again(client: TestClient) -> None:
     post(client, EVENTS, kind="note", at=AT, text=HOSTILE, do="store")
     page = get(client, ACTIONS)
