@@ -89,6 +89,12 @@ def test_help_mentions_every_option(ballscrew, command):
     assert f"Example: ballscrew {command}" in plain(outcome.out)
 
 
+def test_no_help_promises_json_in_place_of_a_table_that_is_not_printed(ballscrew):
+    for command in COMMANDS:
+        assert "instead of a table" not in plain(ballscrew(*command.split(), "--help").out)
+    assert "With --check, print the settings as JSON" in plain(ballscrew("serve", "--help").out)
+
+
 def test_no_help_names_a_python_type(ballscrew):
     for command in ["", *COMMANDS]:
         # Fields of the pattern of `send` are no types.

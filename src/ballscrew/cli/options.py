@@ -65,7 +65,7 @@ Axis = Annotated[Path | None, option("Data sheet of the axis. [default: run.toml
 PlanFile = Annotated[Path | None, option("Plan of the test. [default: run.toml's]", "PLAN.toml")]
 Mass = Annotated[str | None, option("Load on the table. [default: run.toml's, else the plan's]", '"100 kg"')]
 Verbose = Annotated[bool, flag("Print all details.", "--verbose")]
-Json = Annotated[bool, flag("Print the result as JSON instead of a table.", "--json")]
+Json = Annotated[bool, flag("Print the result as JSON, for programs.", "--json")]
 TableFile = Annotated[
     Path | None, option("Write the table of the result to a .csv or .parquet file.", "FILE.csv", "--export")
 ]

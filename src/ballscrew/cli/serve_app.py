@@ -48,7 +48,7 @@ def serve(
         bool,
         flag("Serve a simulated plant of twelve axes; without --data it is removed at the end.", "--demo"),
     ] = False,
-    as_json: Json = False,
+    as_json: Annotated[bool, flag("With --check, print the settings as JSON.", "--json")] = False,
 ) -> int:
     """Serve a store over HTTP: receive runs, analyse them, assess the axes, answer.
 
