@@ -53,6 +53,7 @@ def test_a_run_shows_its_verdict_its_state_and_its_cells(filled: TestClient) -> 
         value = format_number(cell["frequency_Hz"], 2, "en")
         assert f">{value} ± {format_number(cell['standard_uncertainty_Hz'], 2, 'en')}</td>" in text
         assert f"{format_number(cell['change_Hz'], 2, 'en')} ± " in text
+    assert "cells of one position are drawn beside each other" in text
     assert f'href="/runs/{ID[1]}" rel="prev"' in text
     assert f'href="/runs/{ID[3]}" rel="next"' in text
     assert f"/compare?a={ID[2]}&amp;b={ID[0]}" in text

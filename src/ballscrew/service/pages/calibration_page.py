@@ -12,7 +12,6 @@ from ballscrew.axis.axial import PARAMETERS
 from ballscrew.base.errors import BallscrewError, InputError
 from ballscrew.base.jsonfile import write_json
 from ballscrew.base.provenance import digest
-from ballscrew.base.words import without_repeats
 from ballscrew.calibration.calibrated_axis import UNITS, CalibratedAxis
 from ballscrew.calibration.modelfile import model_from_json
 from ballscrew.service.access import AdminCaller, RunningService
@@ -25,7 +24,13 @@ from ballscrew.service.calibrating import (
     start_calibration,
 )
 from ballscrew.service.pages.forms import Outcome, PostedForm, entered, go_to, refusal
-from ballscrew.service.pages.rendering import address_of, language_of, render, significant
+from ballscrew.service.pages.rendering import (
+    address_of,
+    format_moment,
+    language_of,
+    render,
+    significant,
+)
 from ballscrew.service.reading import axis_document
 from ballscrew.service.serving import RefusedError, Service
 
@@ -105,7 +110,7 @@ def _page(
     found = calibrator.document(axis)
     report, shown_digest = None, ""
     if found is not None and found["model"] is not None:
-        times = {run["run"]: run["measured_at"] or run["run"][:_ID] for run in document["runs"]}
+        times = {run["run"]: run["measured_at"] for run in document["runs"] if run["measured_at"]}
         model = model_from_json(found["model"], "MODEL.json")
         report = report_of(model, times, language_of(request))
         shown_digest = digest(found["model"])
@@ -149,20 +154,20 @@ def report_of(model: CalibratedAxis, times: dict[str, str], language: str) -> di
         ``offers``, ``anchors`` and ``forms``.
     """
     preload = model.quantity("preload")
+    named = {run: format_moment(time, language) for run, time in times.items()}
     offers: list[dict[str, Any]] = []
     determined: list[str] = []
     for item in model.knowledge:
         if item["kind"] == "offer":
             offers.append(dict(item))
         else:
-            determined.append(_named(str(item["sentence"]), times))
-    doubts = without_repeats(f"{doubt.name}: {doubt.text}." for doubt in model.reasons)
+            determined.append(_named(str(item["sentence"]), named))
     return {
         "model": model,
         "preload": preload.value,
         "spread": 2 * preload.standard_uncertainty,
-        "doubts": [_named(text, times) for text in doubts],
-        "notes": [_named(text, times) for text in model.notes],
+        "doubts": [_named(doubt.text, named) for doubt in model.reasons],
+        "notes": [_named(text, named) for text in model.notes],
         "runs": [_run_row(run, times) for run in model.runs],
         "parameters": _parameters(model, language),
         "determined": determined,
