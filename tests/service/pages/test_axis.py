@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from html import unescape
 from pathlib import Path
@@ -17,6 +18,7 @@ from tests.service.conftest import SETUP, client_of
 from tests.simulated_bench import AXIS
 from tests.store.stored import MODEL, RUNS, fill
 
+from ballscrew.cli.shell import run as run_command
 from ballscrew.service.pages.rendering import format_percent
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
@@ -24,7 +26,7 @@ from ballscrew.store.adding import add_sheet
 from ballscrew.store.assessing import monitor_axis
 from ballscrew.store.fleet import simulate_fleet
 from ballscrew.store.opened import create_store
-from ballscrew.store.tables import CellRow, ResultRow, StateRow
+from ballscrew.store.tables import CellRow, Explanation, ResultRow, StateRow, pack, unpack
 
 HOSTILE = """<script>alert("x") <img src=x onerror=y> 'ä' ?a=b#c% &amp; {{ 7 * 7 }}"""
 
@@ -67,8 +69,9 @@ def test_what_to_do_stands_before_why_and_before_the_charts(client: TestClient) 
     document = client.get("/api/v1/axes/bench").json()
     text = unescape(page_of(client))
     explanation = document["explanation"]
-    order = [explanation["headline"], "What to do<", *explanation["actions"], "Reasons and doubts<"]
-    order += [explanation["state"]["nut_reasons"][0], "History<", "Possible causes<", "Alarms</h2>"]
+    order = [explanation["headline"].removeprefix("bench: "), "What to do<", *explanation["actions"]]
+    order += ["Run the test: the newest run is too old", "Reasons and doubts<"]
+    order += [explanation["state"]["nut_reasons"][0].split(". ")[0], "History<", "Possible causes<", "Alarms</h2>"]
     places = [text.index(each) for each in (*order, "Events</h2>", "Runs (14)<")]
     assert places == sorted(places)
     assert "Loss of preload." in text
@@ -86,6 +89,70 @@ def test_the_page_states_the_numbers_of_the_api_and_links_every_run(client: Test
         assert run["measured_at"] in row
     for cause in client.get("/api/v1/axes/bench").json()["explanation"]["state"]["causes"]:
         assert f'data-value="{cause["probability"]}"' in text
+
+
+def test_a_german_page_has_no_english_headline_action_cause_or_evidence(client: TestClient) -> None:
+    explanation = client.get("/api/v1/axes/bench").json()["explanation"]
+    text = unescape(page_of(client, query="?lang=de"))
+    assert 'id="axis-headline">ALARM seit ' in text
+    assert "dafür: " in text
+    assert "dagegen: " in text
+    causes = explanation["state"]["causes"]
+    english = [*explanation["actions"], *(part["text"] for part in explanation["headline_parts"][1:])]
+    english += [finding for cause in causes for finding in cause["evidence"].split("; ")]
+    assert [sentence for sentence in english if sentence in text] == []
+    assert 'lang="en">' not in text.split("<main")[1]
+    for part in explanation["headline_parts"]:
+        assert part["code"].startswith("headline-")
+    assert page_of(client, query="?lang=en")
+
+
+def test_an_explanation_of_an_earlier_version_is_shown_in_english(tmp_path: Path) -> None:
+    store = create_store(tmp_path / "store")
+    fill(store)
+    monitor_axis(store, "bench")
+    with store.write("test") as session:
+        row = session.scalars(select(Explanation)).one()
+        document = unpack(row.document)
+        del document["headline_parts"]
+        for cause in document["state"]["causes"]:
+            cause["evidence"] = "an oil film causes a step that does not last; by sentences of long ago"
+        row.document = pack(document)
+    with client_of(Service(ServedStore(store.path), ServerSettings(min_free_bytes=0))) as client:
+        text = unescape(page_of(client, query="?lang=de"))
+    assert f'lang="en">{document["headline"]}</p>' in text
+    assert "ein Ölfilm bewirkt einen Sprung, der nicht andauert; by sentences of long ago" in text
+
+
+def test_the_end_of_life_is_stated_beside_the_remaining_life(client: TestClient) -> None:
+    text = page_of(client)
+    life = text[text.index("<dt>Remaining life") :].split("</div>")[0]
+    assert "until the preload falls below 50 % of what it was" in life
+    assert 'href="/help/axis#life"' in life
+    assert 'id="life"' in client.get("/help/axis").text
+    assert 'href="/help/axis#life"' in client.get("/").text
+
+
+def test_page_fleet_api_report_and_command_line_say_the_same_to_do(
+    service: Service, client: TestClient, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    actions = [each["text"] for each in client.get("/api/v1/axes/bench").json()["to_do"]]
+    assert len(actions) == 3
+    assert not any(text.startswith("Nothing") for text in actions)
+    (axis,) = (each for each in client.get("/api/v1/axes").json()["axes"] if each["axis"] == "bench")
+    assert [each["text"] for each in axis["to_do"]] == actions
+    fleet = unescape(client.get("/").text)
+    assert f'<td class="do">{actions[0]} <a href="/axes/bench#axis-do">and 2 more</a></td>' in fleet
+    assert 'href="/setup">Set up an axis</a>' in fleet
+    store, out = str(service.store.path), tmp_path / "axis.html"
+    capsys.readouterr()
+    assert run_command(["store", "show", "bench", "--store", store]) == 0
+    printed = re.sub(r"\s+", " ", capsys.readouterr().out)
+    assert run_command(["report", "bench", "--data", store, "--out", str(out)]) == 0
+    texts = (unescape(page_of(client)), unescape(out.read_text(encoding="utf-8")), printed)
+    for text in texts:
+        places = [text.index(action) for action in actions]
+        assert places == sorted(places)
 
 
 def test_the_page_says_how_its_numbers_were_made(client: TestClient) -> None:
