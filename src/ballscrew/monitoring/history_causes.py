@@ -159,15 +159,7 @@ def history_causes(
     newest = [assessed for assessed in newest if assessed.run.id != reference.id]
     of_nut = [evidence_of[assessed.run.id] for assessed in newest]
     evidence = _Evidence(_probabilities_by_cells(newest, of_nut, reference, model, settings))
-    trend, sentence = trend_evidence(chart)
-    evidence.add(_SUDDEN, -trend)
-    is_clear = abs(trend) > _CLEAR
-    if trend > 0:
-        evidence.note_axial(_FOR if is_clear else _UNCLEAR, sentence)
-    else:
-        evidence.note("load", _FOR if is_clear else _UNCLEAR, sentence)
-    if is_clear:
-        evidence.note("sensor", _AGAINST if trend > 0 else _FOR, sentence)
+    _add_trend(evidence, chart)
     _add_friction(evidence, good, chart)
     _add_mass(evidence, good, chart)
     if not chart.design.has_temperature:
@@ -276,6 +268,22 @@ def trend_evidence(chart: Chart) -> tuple[float, str]:
     if log_odds < -_CLEAR:
         return log_odds, "the change came at once, as wear does not"
     return log_odds, "the runs do not show yet whether the change progresses or came at once"
+
+
+def _add_trend(evidence: _Evidence, chart: Chart) -> None:
+    """Add the evidence by the trend: it is against causes that change at once, or for them."""
+    trend, sentence = trend_evidence(chart)
+    evidence.add(_SUDDEN, -trend)
+    if trend > _CLEAR:
+        evidence.note_axial(_FOR, sentence)
+        evidence.note("sensor", _AGAINST, sentence)
+    elif trend > 0:
+        evidence.note_axial(_UNCLEAR, sentence)
+    elif trend >= -_CLEAR:
+        evidence.note("load", _UNCLEAR, sentence)
+    else:
+        evidence.note("load", _FOR, sentence)
+        evidence.note("sensor", _FOR, sentence)
 
 
 def _pooled_trend(chart: Chart) -> tuple[Array, Array, Array]:

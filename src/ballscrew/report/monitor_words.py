@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from ballscrew.base.words import fixed, interval_decimals
 from ballscrew.estimation.causes import UNDECIDED
@@ -121,7 +121,14 @@ def advice(monitored: Monitored) -> tuple[str, ...]:
         actions.append("Correct what made the newest run be set aside, then run the test again.")
     if state.stage is not None and state.stage.II > _GONE and state.urgency != "now":
         actions.append("The preload is probably gone: expect backlash, and replace or preload the nut.")
-    return tuple(each for each in actions if each != NOTHING or len(actions) == 1)
+    return _without_nothing(actions)
+
+
+def _without_nothing(actions: Sequence[str]) -> tuple[str, ...]:
+    """Actions, without *nothing to do* where it stands beside others."""
+    if len(actions) > 1:
+        actions = [action for action in actions if action != NOTHING]
+    return tuple(actions)
 
 
 def _learning(state: HealthState) -> tuple[str, ...]:

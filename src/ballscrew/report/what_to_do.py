@@ -20,6 +20,7 @@ NO_RUN = "Run the test: the axis has no run yet."
 WAIT = "Wait for the next assessment, or assess the axis: 'ballscrew monitor AXIS --store DIR'."
 
 _OF_TROUBLES = {"silence": OVERDUE, "measurement": BAD, "assessment": REFUSED}
+_OF_REASONS = {"old": OLD, "overdue": OLD}
 _URGENT = ("alarm", "unloaded")  # states whose advice comes before that on the measurement
 _STALE = ("do-repeat", "do-next-good")  # codes of advice that an old newest run makes invalid
 _CORRECT = "do-correct"  # the same as BAD
@@ -57,18 +58,16 @@ def what_to_do(document: Mapping[str, Any], advice: Sequence[str]) -> list[str]:
 
 def _of_measurement(document: Mapping[str, Any]) -> Iterator[str]:
     """Actions on the measurement, and on runs that are missing."""
-    troubles = [each["kind"] for each in document["measurement"]["troubles"]]
     because = document["measurement"]["because"]
-    is_reset = document["lamp"]["because"] == "reset"
-    for kind in troubles:
-        yield _OF_TROUBLES.get(kind, REFUSED)
-    if is_reset:
+    actions = [_OF_TROUBLES.get(each["kind"], REFUSED) for each in document["measurement"]["troubles"]]
+    yield from actions
+    if document["lamp"]["because"] == "reset":
         yield RESET
-    elif because in ("old", "overdue") and "silence" not in troubles:
-        yield OLD
+    elif because in _OF_REASONS and OVERDUE not in actions:
+        yield _OF_REASONS[because]
     if because == "future":
         yield FUTURE
-    if because == "no run" and not (document.get("runs") or document.get("missing") or troubles):
+    if because == "no run" and not (document.get("runs") or document.get("missing") or actions):
         yield NO_RUN
 
 

@@ -239,7 +239,7 @@ def _find(
 
 
 def _preview(service: Service, axis: str, events: tuple[Event, ...]) -> dict[str, Any]:
-    """State of an axis without and with further events, and whether one takes effect with the next run only."""
+    """State of an axis without and with further events, and whether one counts from the next run on."""
     with service.store.read() as session:
         history = read_stored_history(session, axis)
     newest = max(moment(str(run.measured_at), "a run: measured_at") for run in history.runs)

@@ -71,7 +71,12 @@ def test_what_to_do_stands_before_why_and_before_the_charts(client: TestClient) 
     explanation = document["explanation"]
     order = [explanation["headline"].removeprefix("bench: "), "What to do<", *explanation["actions"]]
     order += ["Run the test: the newest run is too old", "Reasons and doubts<"]
-    order += [explanation["state"]["nut_reasons"][0].split(". ")[0], "History<", "Possible causes<", "Alarms</h2>"]
+    order += [
+        explanation["state"]["nut_reasons"][0].split(". ")[0],
+        "History<",
+        "Possible causes<",
+        "Alarms</h2>",
+    ]
     places = [text.index(each) for each in (*order, "Events</h2>", "Runs (14)<")]
     assert places == sorted(places)
     assert "Loss of preload." in text
@@ -181,7 +186,9 @@ def test_hostile_names_are_text(client: TestClient) -> None:
 
 
 @pytest.mark.parametrize("axis", ["none", "<i>none</i>", "a/b", "bench/", "x" * 3000, "%00"])
-def test_an_unknown_axis_is_a_page_with_links_to_the_fleet_and_the_set_up(client: TestClient, axis: str) -> None:
+def test_an_unknown_axis_is_a_page_with_links_to_the_fleet_and_the_set_up(
+    client: TestClient, axis: str
+) -> None:
     for page in ("", "/actions", "/setup", "/calibration", "/report.html"):
         answer = client.get(f"/axes/{quote(axis, safe='')}{page}", headers={"accept": "text/html"})
         assert answer.status_code == 404
