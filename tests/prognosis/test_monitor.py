@@ -161,4 +161,4 @@ def test_a_run_given_twice_counts_once():
 
 def test_the_evidence_on_temperature_without_temperatures(result):
     cause = next(cause for cause in result.state.causes if cause.cause == "temperature")
-    assert cause.evidence == "no run has a temperature"
+    assert cause.evidence == "unclear: no run has a temperature"
