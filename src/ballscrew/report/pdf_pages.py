@@ -35,7 +35,7 @@ _INDENT = 4.0  # mm of an item
 _MARK = 4.2  # mm of the sign of a state
 _MEASURE = 200.0  # mm, longest line of a sentence
 _MOST_LINES = 24  # of a cell; its whole text is in the HTML report
-_LEAST_PICTURE = 0.68  # of its height; where there is less room, it is on the next page
+_LEAST_PICTURE = 0.5  # of its height; where there is less room, it is on the next page
 
 
 def write_pdf(
