@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import pkgutil
 import re
 from collections.abc import Iterator
 from contextlib import suppress
+from datetime import UTC, datetime
 from html import unescape
 from importlib import import_module
 from itertools import groupby
@@ -269,11 +271,16 @@ def test_a_table_is_sorted_by_its_heads_and_exported(window: Window, tmp_path: P
         names = page.locator("tbody tr th").all_inner_texts()
         assert (names[0] == "Y axis") == (order == "descending")
     with page.expect_download() as download:
-        page.get_by_role("button", name="CSV").click()
+        page.get_by_role("link", name="All axes as CSV").click()
     download.value.save_as(tmp_path / "fleet.csv")
-    lines = (tmp_path / "fleet.csv").read_text(encoding="utf-8-sig").splitlines()
-    assert len(lines) == 4
-    assert lines[1].split('","')[1] == "Y axis"
+    rows = list(csv.DictReader((tmp_path / "fleet.csv").open(encoding="utf-8")))
+    assert {row["axis"] for row in rows} == {"bench", "Y axis", HOSTILE}
+    page = window.open("/axes/bench")
+    with page.expect_download() as download:
+        page.locator("#axis-events ~ .tools button").click()
+    download.value.save_as(tmp_path / "events.csv")
+    rows = list(csv.DictReader((tmp_path / "events.csv").open(encoding="utf-8-sig")))
+    assert [datetime.fromisoformat(row["Time"]).tzinfo for row in rows] == [UTC]
 
 
 def test_the_language_is_changed_with_the_filter_and_remembered(new_window: Any) -> None:

@@ -75,10 +75,15 @@ const ballscrew = (() => {
     return `"${safe.replaceAll('"', '""')}"`;
   };
 
+  // Text of a cell, with times as in its markup: in UTC by ISO 8601.
+  function plain(cell) {
+    let text = cell.innerText;
+    for (const each of cell.querySelectorAll("time")) text = text.replace(each.innerText, each.dateTime);
+    return text.trim().replace(/\s+/g, " ");
+  }
+
   function csv(table) {
-    const lines = [...table.rows]
-      .filter((row) => !row.hidden)
-      .map((row) => [...row.cells].map((cell) => field(cell.innerText.trim().replace(/\s+/g, " "))).join(","));
+    const lines = [...table.rows].map((row) => [...row.cells].map((cell) => field(plain(cell))).join(","));
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob(["\ufeff" + lines.join("\r\n") + "\r\n"], { type: "text/csv" }));
     link.download = `${table.dataset.csv}.csv`;
