@@ -365,7 +365,25 @@ def test_signals_that_are_not_there_yet_are_asked_for_again(
 
 @pytest.mark.parametrize("path", MARKED)
 def test_a_page_is_printed_without_controls(path: str, window: Window) -> None:
+    """On A4, whose margins leave 703 CSS pixels, every chart and table is whole."""
     page = window.open(path)
     page.emulate_media(media="print")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    page.set_viewport_size({"width": 703, "height": 1000})
     assert page.locator("header nav:visible, .tools:visible, .filters:visible, footer:visible").count() == 0
     assert overflow(page) <= 0
+    cut = """each => each.checkVisibility() && each.getBoundingClientRect().right > 704"""
+    assert (
+        page.evaluate(f"[...document.querySelectorAll('main *')].filter({cut}).map((e) => e.outerHTML)") == []
+    )
+
+
+def test_charts_are_redrawn_in_the_width_of_a_printed_page(window: Window) -> None:
+    page = window.open("/axes/bench")
+    widths = "[...document.querySelectorAll('.uplot .u-wrap')].map((each) => each.clientWidth)"
+    before = page.evaluate(widths)
+    assert min(before) > 1000
+    page.evaluate(f"addEventListener('beforeprint', () => queueMicrotask(() => (window.printed = {widths})))")
+    page.pdf(format="A4")
+    assert set(page.evaluate("printed")) == {700}
+    assert page.evaluate(widths) == before

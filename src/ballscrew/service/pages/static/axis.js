@@ -61,11 +61,10 @@
 
   // A chart of columns over time in a place; ``runs`` are the ids of its points.
   function chart(place, runs, columns, options) {
-    const width = () => Math.max(place.clientWidth, 200);
     const height = Number(place.dataset.height);
     const plot = new uPlot(
       {
-        width: width(),
+        width: ballscrew.widthOf(place),
         height,
         legend: { show: false },
         padding: [8, 24, 0, 0],
@@ -106,9 +105,7 @@
       const away = Math.abs(plot.valToPos(plot.data[0][idx], "x") - left);
       if (away < (options.reach ?? NEAR)) waiting = setTimeout(() => opened(plot.runs[idx]), DOUBLE);
     });
-    new ResizeObserver(() => {
-      if (place.clientWidth && plot.width !== width()) plot.setSize({ width: width(), height });
-    }).observe(place);
+    ballscrew.fit(plot, place);
     plots.push(plot);
     return plot;
   }

@@ -182,6 +182,27 @@ const ballscrew = (() => {
     }
   }
 
+  // A plot is as wide as its place, and in print as A4 between its margins.
+  const PAPER = 700; // CSS pixels
+  const fits = [];
+  let isPrinting = false;
+
+  const widthOf = (place) => (isPrinting ? PAPER : Math.max(place.clientWidth, 200));
+
+  function fit(plot, place) {
+    const resize = () => {
+      const width = widthOf(place);
+      if (place.clientWidth && plot.width !== width) plot.setSize({ width, height: plot.height });
+    };
+    new ResizeObserver(resize).observe(place);
+    fits.push(resize);
+  }
+
+  function print(begins) {
+    isPrinting = begins;
+    for (const resize of fits) resize();
+  }
+
   async function drawChart(place) {
     const { chart, source } = place.dataset;
     const note = document.createElement("p");
@@ -230,11 +251,13 @@ const ballscrew = (() => {
     startFilter();
     prepare(document);
     watchChanges();
+    window.addEventListener("beforeprint", () => print(true));
+    window.addEventListener("afterprint", () => print(false));
     document.addEventListener("click", switchLanguage);
     document.body.addEventListener("htmx:afterSwap", (event) => prepare(event.target));
   }
 
   // Scripts of pages, which are deferred too, add their charts before this runs.
   document.addEventListener("DOMContentLoaded", start);
-  return { charts, colour, number, clock, language, sortable, fetched };
+  return { charts, colour, number, clock, language, sortable, fetched, widthOf, fit };
 })();

@@ -26,8 +26,8 @@
 
   // A plot as wide as its place, in the colours of the page.
   function plot(place, height, options, data) {
-    const chart = new uPlot({ width: Math.max(place.clientWidth, 200), height, ...options }, data, place);
-    new ResizeObserver(() => chart.setSize({ width: Math.max(place.clientWidth, 200), height })).observe(place);
+    const chart = new uPlot({ width: ballscrew.widthOf(place), height, ...options }, data, place);
+    ballscrew.fit(chart, place);
     dark.addEventListener("change", () => chart.redraw());
     return chart;
   }
