@@ -99,3 +99,44 @@ def test_a_form_that_is_refused_shows_its_sentence_and_what_was_entered(window: 
     page.locator("#event").get_by_role("button", name="Add the event").click()
     expect(page.locator("#event .message.done")).to_be_visible()
     expect(page.locator("#event input[name=text]")).to_have_value("")
+
+
+def test_long_names_and_texts_do_not_widen_a_page_and_are_whole_on_demand(
+    window: Window, plant: Service
+) -> None:
+    name, text = "M" * 200, "word" * 2500
+    with client_of(plant) as client:
+        sheet = SETUP["sheet"].replace('"bench"', f'"{"X" * 200}"')
+        setup = SETUP | {"machine": name, "site": name, "sheet": sheet}
+        assert client.put(f"/api/v1/axes/{'X' * 200}", json=setup).status_code == 200
+        event = [{"at": "2026-01-20T10:00:00Z", "kind": "note", "text": text}]
+        assert client.post(f"/api/v1/axes/{'X' * 200}/events", json=event).status_code == 200
+        for names in ({"machine": name + "M"}, {"site": name + "M"}):
+            answer = client.put("/api/v1/axes/bench", json=SETUP | names)
+            assert answer.status_code == 422
+            assert "at most 200 characters" in answer.json()["detail"]
+        long_axis = SETUP | {"sheet": sheet.replace("XX", "XXX")}
+        answer = client.put(f"/api/v1/axes/{'X' * 300}", json=long_axis)
+        assert (answer.status_code, "it must have 200 at most" in answer.json()["detail"]) == (422, True)
+    for path in (
+        "/",
+        f"/axes/{'X' * 200}",
+        f"/axes/{'X' * 200}/actions",
+        f"/axes/{'X' * 200}/setup",
+        "/compare",
+    ):
+        page = window.open(path)
+        for width in (1280, 1024, 390):
+            page.set_viewport_size({"width": width, "height": 800})
+            wide = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+            assert page.evaluate(wide) <= 0, (path, width)
+            boxes = (
+                "[...document.querySelectorAll('.wide')].map((each) => each.scrollWidth - each.clientWidth)"
+            )
+            assert max(page.evaluate(boxes), default=0) <= (0 if width > 1000 else 200), (path, width)
+            rows = "[...document.querySelectorAll('tbody tr')].map((each) => each.clientHeight)"
+            assert max(page.evaluate(rows), default=0) < 700, (path, width)
+    page = window.open(f"/axes/{'X' * 200}/actions")
+    assert text not in page.locator("#events").inner_text()
+    page.locator("#events .more summary").press("Enter")
+    assert page.locator("#events .more").inner_text().replace("\n", "") == text

@@ -21,6 +21,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from ballscrew._version import __version__
 from ballscrew.base.reasons import translated
 from ballscrew.monitoring.epochs import moment
+from ballscrew.report.blocks import short_name
 from ballscrew.report.canvas import STATE_SIGNS
 from ballscrew.service.serving import RefusedError, service_of
 
@@ -123,6 +124,7 @@ def environment_of(language: str) -> Environment:
         percent_of=lambda interval: format_percent(interval, language),
         moment=lambda text: format_moment(text, language),
         url=lambda text: quote(str(text), safe=""),
+        short=short_name,
         sentence=lambda text: translated(text, translations(language).gettext),
     )
     environment.globals.update(version=__version__, asset=asset_url, sign=sign_of, languages=LANGUAGES)

@@ -356,9 +356,9 @@
     if (!tables.some((table) => table[0].length)) return message(place, words.nothing);
     const colours = [() => ballscrew.colour("accent"), () => ballscrew.colour("watch")];
     const series = both.flatMap(({ axis: name }, n) => [
-      { label: name, stroke: colours[n], width: 2, value: shown, spanGaps: true, dash: n ? [6, 4] : undefined },
-      { label: `${name} −`, stroke: colours[n], width: 0, points: { show: false }, value: shown, spanGaps: true },
-      { label: `${name} +`, stroke: colours[n], width: 0, points: { show: false }, value: shown, spanGaps: true },
+      { label: name.slice(0, 60), stroke: colours[n], width: 2, value: shown, spanGaps: true, dash: n ? [6, 4] : undefined },
+      { label: "−", stroke: colours[n], width: 0, points: { show: false }, value: shown, spanGaps: true },
+      { label: "+", stroke: colours[n], width: 0, points: { show: false }, value: shown, spanGaps: true },
     ]);
     plot(add(place, "panel"), 380, {
       axes: [axis(words.day), axis(words.preload, { size: 64, values: numbers(0) })],
