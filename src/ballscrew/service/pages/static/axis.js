@@ -503,8 +503,6 @@
     return `rgb(${parts.join(",")})`;
   }
 
-  const dark = () => matchMedia("(prefers-color-scheme: dark)").matches;
-
   function scaleOf(map) {
     const values = finite(map[map.kind].flat());
     if (map.kind === "frequency_Hz") {
@@ -513,7 +511,7 @@
     }
     const sizes = values.map((value) => Math.abs(value - 1)).sort((a, b) => a - b);
     const size = Math.max(sizes[Math.floor(0.99 * (sizes.length - 1))] ?? 0, 0.002);
-    const colours = CHANGE.map((each) => each ?? (dark() ? [52, 58, 64] : [240, 240, 240]));
+    const colours = CHANGE.map((each) => each ?? (ballscrew.isDark() ? [52, 58, 64] : [240, 240, 240]));
     const sign = (value) => `${value > 1 ? "+" : "−"}${ballscrew.number(100 * Math.abs(value - 1), 1)} %`;
     return { colours, low: 1 - size, high: 1 + size, text: sign };
   }
@@ -625,7 +623,7 @@
         if (open.includes(each.textContent)) each.parentNode.open = true;
       refresh();
     });
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    ballscrew.recolours.push(() => {
       readPalette();
       document.querySelector("[data-chart=axis-frequencies]")?.redraw?.();
       for (const plot of plots) plot.redraw();

@@ -184,8 +184,13 @@ const ballscrew = (() => {
 
   // A plot is as wide as its place, and in print as A4 between its margins.
   const PAPER = 700; // CSS pixels
+  const scheme = matchMedia("(prefers-color-scheme: dark)");
   const fits = [];
+  const recolours = []; // of scripts of pages, called when the colours have changed
   let isPrinting = false;
+
+  const isDark = () => scheme.matches && !isPrinting;
+  const recolour = () => recolours.forEach((each) => each());
 
   const widthOf = (place) => (isPrinting ? PAPER : Math.max(place.clientWidth, 200));
 
@@ -200,6 +205,8 @@ const ballscrew = (() => {
 
   function print(begins) {
     isPrinting = begins;
+    document.documentElement.classList.toggle("paper", begins);
+    recolour();
     for (const resize of fits) resize();
   }
 
@@ -251,6 +258,7 @@ const ballscrew = (() => {
     startFilter();
     prepare(document);
     watchChanges();
+    scheme.addEventListener("change", recolour);
     window.addEventListener("beforeprint", () => print(true));
     window.addEventListener("afterprint", () => print(false));
     document.addEventListener("click", switchLanguage);
@@ -259,5 +267,5 @@ const ballscrew = (() => {
 
   // Scripts of pages, which are deferred too, add their charts before this runs.
   document.addEventListener("DOMContentLoaded", start);
-  return { charts, colour, number, clock, language, sortable, fetched, widthOf, fit };
+  return { charts, colour, number, clock, language, sortable, fetched, widthOf, fit, isDark, recolours };
 })();

@@ -2,7 +2,6 @@
 "use strict";
 
 (() => {
-  const dark = matchMedia("(prefers-color-scheme: dark)");
   const FONT = "13px system-ui, sans-serif";
   const wordsOf = (place) => JSON.parse(place.dataset.words);
   const soft = () => ballscrew.colour("soft");
@@ -28,7 +27,7 @@
   function plot(place, height, options, data) {
     const chart = new uPlot({ width: ballscrew.widthOf(place), height, ...options }, data, place);
     ballscrew.fit(chart, place);
-    dark.addEventListener("change", () => chart.redraw());
+    ballscrew.recolours.push(() => chart.redraw());
     return chart;
   }
 
@@ -67,7 +66,7 @@
     const ratio = devicePixelRatio;
     ctx.save();
     ctx.lineWidth = 1.4 * ratio;
-    ctx.globalAlpha = pale ? (dark.matches ? 0.6 : 0.4) : 1;
+    ctx.globalAlpha = pale ? (ballscrew.isDark() ? 0.6 : 0.4) : 1;
     for (const point of listed) {
       const x = chart.valToPos(point.x, "x", true);
       ctx.strokeStyle = ctx.fillStyle = colours[point.condition];
