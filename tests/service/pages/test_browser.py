@@ -325,6 +325,39 @@ def test_a_page_is_reloaded_while_data_arrive(window: Window, plant: Service) ->
     assert page.locator("tbody tr").count() == 3
 
 
+def test_the_map_of_frf_is_computed_when_it_is_opened_and_says_which_runs_are_blank(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raw_runs.compute_here(monkeypatch)
+    raw_runs.analyse_at_once(monkeypatch)
+    service = Service(ServedStore(create_store(tmp_path / "store").path), ServerSettings(min_free_bytes=0))
+    service.partial.mkdir()
+    service.scratch.mkdir()
+    with client_of(service) as client:
+        run = raw_runs.send_raw(client)
+        raw_runs.analyse(service, run)
+        send_result(client, 3)
+    with serving(service) as address:
+        window = Window(browser, address)
+        page = window.open("/axes/bench")
+        requests: list[str] = []
+        page.on("request", lambda request: requests.append(request.url))
+        page.locator("[data-responses] summary").press("Enter")
+        page.wait_for_selector("[data-plot=responses] canvas")
+        about = "Runs: 1 computed from their raw files; 1 blank, since their raw files are not stored"
+        assert page.locator("[data-about]").inner_text() == about
+        select = page.get_by_label("Cell", exact=True)
+        assert select.locator("option").count() == len(RUNS[0].cells)
+        with page.expect_response("**/responses?cell=5"):
+            select.select_option("5")
+        page.wait_for_load_state("networkidle")
+        assert [url.partition("?")[2] for url in requests if "/responses" in url] == ["cell=0", "cell=5"]
+        assert faults(page) == []
+        assert overflow(page) <= 0
+        window.close()
+    assert window.problems == []
+
+
 def test_signals_that_are_not_there_yet_are_asked_for_again(
     browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
