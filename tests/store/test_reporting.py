@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from tests.monitoring.histories import at, history
+from tests.simulated_bench import AXIS
 from tests.store.stored import EVENTS, MODEL, RUNS, count
 
 from ballscrew.base.errors import InputError
@@ -249,6 +250,15 @@ def test_a_store_is_only_read_also_while_it_is_served(plant: Store, tmp_path: Pa
     with plant.folder.locked("serve", serving=True):
         report(plant, out=tmp_path / "a.html", at=TIME)
     assert count(plant, Audit) == rows
+
+
+def test_an_axis_that_is_only_set_up_is_in_the_report(tmp_path: Path) -> None:
+    store = Store(Store.init(tmp_path / "store").path)
+    (tmp_path / "axis.toml").write_text(AXIS, encoding="utf-8")
+    store.add(tmp_path / "axis.toml")
+    report(store, out=tmp_path / "a.html", at=TIME)
+    assert "1 axis: 1 unknown" in (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert report(store, out=tmp_path / "a.pdf", at=TIME)["pages"] == 2
 
 
 class _Tags(HTMLParser):

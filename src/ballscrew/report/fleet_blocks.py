@@ -145,6 +145,8 @@ def _period(axes: Sequence[StoredAxis], at: datetime) -> tuple[datetime, datetim
 def _strip(axis: StoredAxis, begin: datetime, end: datetime) -> StateStrip:
     """States of the runs of a period, each until the next run unless that is long after it."""
     runs = [(moment(run["measured_at"], "a run"), run["state"]) for run in axis.counting]
+    if not runs:
+        return StateStrip(())
     gaps = [(later - earlier) / _YEAR for (earlier, _), (later, _) in pairwise(runs)]
     longest = _LEAST_PART
     if gaps:
