@@ -157,7 +157,7 @@ def test_the_fleet_as_csv_has_numbers_and_iso_times_and_no_cell_is_executed(
         days = document["rul_days"][f"0.{quantile}".rstrip("0")]
         assert row[f"remaining_life_p{quantile}_days"] == ("" if days is None else str(days))
     assert row["newest_run_at"] == document["newest_at"] == RUNS[-2].measured_at
-    assert (row["state"], row["last_assessed_state"]) == ("unknown", "alarm")
+    assert (row["state"], row["last_assessed_state"]) == (document["lamp"]["state"], "alarm")
 
 
 @pytest.mark.parametrize("name", ["X/Y", "/", "..", " . "])

@@ -96,7 +96,7 @@ def test_the_map_has_the_magnitude_of_a_cell_of_each_run_with_raw_files(client: 
     place = found["run"].index(client.get(f"/api/v1/runs/{run}").json()["run"]["id"])
     numbers = [cell.key for cell in RUNS[0].cells]
     number = numbers.index(cells[3])  # the magnitude of the simulated FRF
-    assert set(found["magnitude_dB"][place]) == {pytest.approx(20 * np.log10(number), rel=1e-3)}
+    assert found["magnitude_dB"][place] == pytest.approx([20 * np.log10(number)] * 200, rel=1e-3)
     assert found["magnitude_dB"][1 - place] is None
     cell = RUNS[0].cells[number]
     assert found["natural_frequency_Hz"][place] == pytest.approx(cell.frequency_Hz)

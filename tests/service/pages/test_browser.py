@@ -406,6 +406,8 @@ def test_a_page_is_printed_without_controls(path: str, window: Window) -> None:
     assert page.locator("header nav:visible, .tools:visible, .filters:visible, footer:visible").count() == 0
     assert overflow(page) <= 0
     cut = """each => each.checkVisibility() && each.getBoundingClientRect().right > 704"""
+    boxes = "[...document.querySelectorAll('.wide')].map((each) => each.scrollHeight - each.clientHeight)"
+    assert max(page.evaluate(boxes), default=0) <= 0
     assert (
         page.evaluate(f"[...document.querySelectorAll('main *')].filter({cut}).map((e) => e.outerHTML)") == []
     )

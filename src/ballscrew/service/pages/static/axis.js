@@ -647,7 +647,7 @@
     map.scale = { colours: SEQUENCE, low: end(0.02), high: end(0.98), text: (value) => `${ballscrew.number(value, 0)} dB` };
     drawScale(root, map);
     map.rows = edges(map.frequency_Hz, Infinity);
-    const plot = update(place, map.run, [map.time, map.natural_frequency_Hz], {
+    update(place, map.run, [map.time, map.natural_frequency_Hz], {
       scale: { range: () => [map.rows[0][0], map.rows[map.rows.length - 1][1]] },
       axis: { values: (each, splits) => splits.map((value) => `${ballscrew.number(value, 0)} Hz`), grid: { show: false } },
       dates: { grid: { show: false } },
@@ -661,7 +661,6 @@
       },
     });
     zoom(view.now);
-    plot.redraw();
   }
 
   // Computed run by run while somebody looks at it.
