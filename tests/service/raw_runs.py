@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 from tests.service.conftest import SETUP, send, work_off
@@ -15,12 +16,14 @@ from tests.store.stored import RUNS
 
 from ballscrew.base.provenance import FileRef
 from ballscrew.modal.cell import TransientRow
+from ballscrew.modal.run import Run
 from ballscrew.service import on_demand
 from ballscrew.service.serving import Service
 from ballscrew.store.tables import Upload
 
 HOSTILE = "<img src=x onerror=alert(1)>'\".npz"
 RATE, COUNT = 1000.0, 40_000
+FREQUENCY = np.linspace(10.0, 300.0, 291)
 CHANNELS = """sample_rate = "1 kHz"
 [[channel]]
 source = "a"
@@ -82,3 +85,33 @@ def compute_here(patched: pytest.MonkeyPatch) -> list[Any]:
     patched.setattr(on_demand.OnDemand, "_start_process", lambda self: None)  # noqa: ARG005
     patched.setattr(on_demand.OnDemand, "_ask", ask)
     return tasks
+
+
+def table(run: Run, coherence: float) -> xr.Dataset:
+    """FRF of the cells of a run, whose magnitude is the number of the cell."""
+    cells, shape = len(run.cells), (len(run.cells), 1, len(FREQUENCY))
+    numbers = np.broadcast_to(np.arange(cells)[:, None, None], shape)
+    per = "cell"
+    return xr.Dataset(
+        {
+            "H1": ((per, "response", "frequency"), numbers * 1j),
+            "coherence": ((per, "response", "frequency"), np.full(shape, coherence)),
+        },
+        {
+            "frequency": FREQUENCY,
+            "response": ["acceleration:<b>:x"],
+            "position_m": (per, [cell.position_m for cell in run.cells]),
+            "condition": (per, [cell.condition for cell in run.cells]),
+            "motion": (per, [cell.motion for cell in run.cells]),
+        },
+        {"input_unit": "N m"},
+    )
+
+
+def analyse_at_once(patched: pytest.MonkeyPatch) -> None:
+    """Let the analysis for an FRF give :func:`table` of the first run, in no time."""
+
+    def analyse(*given: Any, method: str) -> tuple[Run, list[str]]:  # noqa: ARG001
+        return replace(RUNS[0], frequency_response=table(RUNS[0], 0.8)), []
+
+    patched.setattr("ballscrew.store.analysing.analyse_files", analyse)

@@ -53,6 +53,7 @@ ROUTES = {
     ("GET", "/api/v1/axes/{axis}/trend"): ("/api/v1/axes/bench/trend", ADMIN),
     ("GET", "/api/v1/axes/{axis}/frequencies"): ("/api/v1/axes/bench/frequencies", ADMIN),
     ("GET", "/api/v1/axes/{axis}/mechanics"): ("/api/v1/axes/bench/mechanics", ADMIN),
+    ("GET", "/api/v1/axes/{axis}/responses"): ("/api/v1/axes/bench/responses", ADMIN),
     ("POST", "/api/v1/axes/{axis}/runs/{run}/correct"): ("/api/v1/axes/bench/runs/r/correct", ADMIN),
     ("GET", "/api/v1/runs/{run}"): ("/api/v1/runs/{sent}", SEND),
     ("GET", "/api/v1/runs/{run}/document"): ("/api/v1/runs/{sent}/document", SEND),

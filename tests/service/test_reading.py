@@ -10,10 +10,11 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 from tests.service.conftest import SETUP, NewService, client_of, put, send, send_result, sha256, work_off
-from tests.store.stored import EVENTS, RUNS
+from tests.store.stored import EVENTS, MODEL, RUNS
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import write_json
+from ballscrew.calibration.modelfile import model_json
 from ballscrew.modal.run import Run
 from ballscrew.service.serving import Service
 from ballscrew.service.tokens import create_token
@@ -131,6 +132,32 @@ def test_no_cell_of_the_history_is_executed_by_a_spreadsheet(client: TestClient)
     (row,) = csv.DictReader(io.StringIO(client.get(f"{path}?format=csv").text))
     assert (row["run"], row["counts"]) == (f"'{formula}", "True")
     assert client.get(path).json()["history"][0]["run"] == formula
+
+
+def test_the_fleet_as_csv_has_numbers_and_iso_times_and_no_cell_is_executed(
+    client: TestClient, service: Service
+) -> None:
+    for run in RUNS[:-1]:
+        add_run(service.store, run)
+    assert client.put("/api/v1/axes/bench/model", json=model_json(MODEL)).status_code == 200
+    work_off(service, lambda _: pytest.fail("no analysis"))
+    formulas = {"machine": "=1+1", "site": "@SUM(A1)", "sheet": SETUP["sheet"].replace('"bench"', '"-2+3"')}
+    assert client.put("/api/v1/axes/-2+3", json=SETUP | formulas).status_code == 200
+    answer = client.get("/api/v1/axes?format=csv")
+    assert answer.headers["Content-Type"] == "text/csv; charset=utf-8"
+    rows = {row["axis"]: row for row in csv.DictReader(io.StringIO(answer.text))}
+    assert set(rows) == {"bench", "'-2+3"}
+    assert (rows["'-2+3"]["machine"], rows["'-2+3"]["site"]) == ("'=1+1", "'@SUM(A1)")
+    assert rows["'-2+3"]["stiffness_ratio"] == ""
+    documents = {row["axis"]: row for row in client.get("/api/v1/axes").json()["axes"]}
+    document, row = documents["bench"], rows["bench"]
+    names = ("stiffness_ratio", "stiffness_ratio_low", "stiffness_ratio_high")
+    assert [float(row[name]) for name in names] == document["stiffness"]
+    for quantile in ("05", "50", "95"):
+        days = document["rul_days"][f"0.{quantile}".rstrip("0")]
+        assert row[f"remaining_life_p{quantile}_days"] == ("" if days is None else str(days))
+    assert row["newest_run_at"] == document["newest_at"] == RUNS[-2].measured_at
+    assert (row["state"], row["last_assessed_state"]) == (document["lamp"]["state"], "alarm")
 
 
 @pytest.mark.parametrize("name", ["X/Y", "/", "..", " . "])

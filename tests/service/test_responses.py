@@ -15,45 +15,16 @@ from tests.service.conftest import send_result
 from tests.store.stored import RUNS
 
 from ballscrew.base.errors import InputError
-from ballscrew.modal.run import Run
 from ballscrew.service.on_demand import OnDemand
 from ballscrew.service.serving import Service
-
-FREQUENCY = np.linspace(10.0, 300.0, 291)
-
-
-def table(run: Run, coherence: float) -> xr.Dataset:
-    """FRF of the cells of a run, whose magnitude is the number of the cell."""
-    cells, shape = len(run.cells), (len(run.cells), 1, len(FREQUENCY))
-    numbers = np.broadcast_to(np.arange(cells)[:, None, None], shape)
-    per = "cell"
-    return xr.Dataset(
-        {
-            "H1": ((per, "response", "frequency"), numbers * 1j),
-            "coherence": ((per, "response", "frequency"), np.full(shape, coherence)),
-        },
-        {
-            "frequency": FREQUENCY,
-            "response": ["acceleration:<b>:x"],
-            "position_m": (per, [cell.position_m for cell in run.cells]),
-            "condition": (per, [cell.condition for cell in run.cells]),
-            "motion": (per, [cell.motion for cell in run.cells]),
-        },
-        {"input_unit": "N m"},
-    )
 
 
 @pytest.fixture
 def run(client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch) -> str:
     """Id of a run with raw files, whose analysis takes no time."""
 
-    def analyse(*given: Any, method: str) -> tuple[Run, list[str]]:  # noqa: ARG001
-        from dataclasses import replace
-
-        return replace(RUNS[0], frequency_response=table(RUNS[0], 0.8)), []
-
     raw_runs.compute_here(monkeypatch)
-    monkeypatch.setattr("ballscrew.store.analysing.analyse_files", analyse)
+    raw_runs.analyse_at_once(monkeypatch)
     service.scratch.mkdir()
     found = raw_runs.send_raw(client)
     raw_runs.analyse(service, found)
@@ -65,7 +36,7 @@ def test_the_frf_of_a_cell_has_its_interval_and_coherence(client: TestClient, ru
     cell = RUNS[0].cells[3]
     assert (found["position_m"], found["condition"]) == (cell.position_m, cell.condition)
     assert found["natural_frequency_Hz"] == pytest.approx(cell.frequency_Hz, rel=1e-5)
-    assert found["frequency_Hz"] == FREQUENCY.tolist()
+    assert found["frequency_Hz"] == raw_runs.FREQUENCY.tolist()
     assert set(found["magnitude"]) == {3.0}
     assert set(found["phase_deg"][0]) == {90.0}
     spread = np.sqrt(0.2 / (2 * cell.repetitions * 0.8))
@@ -114,3 +85,58 @@ def test_an_analysis_that_is_refused_is_a_sentence(
 def test_the_spectra_of_both_methods_are_the_same(bench_run: BenchRun) -> None:
     joint, paper = (bench_run("preload-4-percent", method) for method in ("joint", "paper"))
     xr.testing.assert_equal(joint.frequency_response, paper.frequency_response)
+
+
+def test_the_map_has_the_magnitude_of_a_cell_of_each_run_with_raw_files(client: TestClient, run: str) -> None:
+    send_result(client, 3)  # without raw files
+    found = client.get("/api/v1/axes/bench/responses?cell=3").json()
+    cells = [(cell["position_m"], cell["condition"], cell["motion"]) for cell in found["cells"]]
+    assert cells == sorted(cell.key for cell in RUNS[0].cells)
+    assert (len(found["run"]), found["stored"], found["waiting"], found["refused"]) == (2, 1, 0, 0)
+    place = found["run"].index(client.get(f"/api/v1/runs/{run}").json()["run"]["id"])
+    numbers = [cell.key for cell in RUNS[0].cells]
+    number = numbers.index(cells[3])  # the magnitude of the simulated FRF
+    assert found["magnitude_dB"][place] == pytest.approx([20 * np.log10(number)] * 200, rel=1e-3)
+    assert found["magnitude_dB"][1 - place] is None
+    cell = RUNS[0].cells[number]
+    assert found["natural_frequency_Hz"][place] == pytest.approx(cell.frequency_Hz)
+    lines = found["frequency_Hz"]
+    assert (
+        len(lines),
+        raw_runs.FREQUENCY[0] <= lines[0] < cell.frequency_Hz < lines[-1] <= raw_runs.FREQUENCY[-1],
+    ) == (
+        200,
+        True,
+    )
+
+
+def test_the_map_computes_one_run_for_each_request_and_says_how_many_wait(
+    client: TestClient, run: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(OnDemand, "find", lambda *_: None)  # longer than a request waits
+        found = client.get("/api/v1/axes/bench/responses").json()
+        assert (found["waiting"], found["frequency_Hz"], set(found["magnitude_dB"])) == (1, [], {None})
+    assert client.get("/api/v1/axes/bench/responses").json()["waiting"] == 0
+    monkeypatch.setattr(OnDemand, "_answer", lambda *_: pytest.fail("it is cached"))
+    assert client.get("/api/v1/axes/bench/responses?cell=1").json()["waiting"] == 0
+    assert client.get(f"/api/v1/runs/{run}/response").status_code == 200  # by the same result
+
+
+def test_a_run_that_cannot_be_analysed_is_blank_on_the_map(
+    client: TestClient, run: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any, **__: Any) -> None:
+        raise InputError("trip.npz: has no channel.")
+
+    monkeypatch.setattr("ballscrew.store.analysing.analyse_files", refuse)
+    found = client.get("/api/v1/axes/bench/responses").json()
+    assert (found["waiting"], found["refused"], found["magnitude_dB"]) == (0, 1, [None])
+    assert run
+
+
+def test_a_cell_or_an_axis_that_is_not_there_has_no_map(client: TestClient, run: str) -> None:
+    answer = client.get("/api/v1/axes/bench/responses?cell=999")
+    assert (answer.status_code, "none of the number 999" in answer.json()["detail"]) == (404, True)
+    assert client.get("/api/v1/axes/none/responses").status_code == 404
+    assert run

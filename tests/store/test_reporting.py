@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from tests.monitoring.histories import at, history
+from tests.simulated_bench import AXIS
 from tests.store.stored import EVENTS, MODEL, RUNS, count
 
 from ballscrew.base.errors import InputError
@@ -96,9 +97,9 @@ def page_of(store: Store, folder: Path, axis: str | None = None, at: datetime = 
 
 def test_the_numbers_are_those_of_store_show(plant: Store, tmp_path: Path, written: list[str]) -> None:
     page = page_of(plant, tmp_path)
-    document = report(plant, out=tmp_path / "a.pdf", at=TIME)
-    pages = document["pages"]
-    assert {f"{number + 1} of {pages}" for number in range(pages)} <= set(written)
+    for axis in (None, "bench", "A axis"):
+        pages = report(plant, axis, out=tmp_path / "a.pdf", at=TIME)["pages"]
+        assert {f"{number + 1} of {pages}" for number in range(pages)} <= set(written)
     assessed = [row for row in plant.list()["axes"] if row["stiffness"]]
     assert len(assessed) == 2
     for row in assessed:
@@ -113,6 +114,21 @@ def test_the_numbers_are_those_of_store_show(plant: Store, tmp_path: Path, writt
     life = f"{days['0.5']:.0f} ({days['0.05']:.0f} to {days['0.95']:.0f})"
     assert life in page
     assert life in written
+
+
+def test_a_pdf_of_all_axes_has_an_overview_and_one_or_two_pages_of_each_that_needs_attention(
+    plant: Store, tmp_path: Path, written: list[str]
+) -> None:
+    pages = report(plant, out=tmp_path / "a.pdf", at=TIME)["pages"]
+    assert 3 <= pages <= 5
+    text = " ".join(written)
+    assert text.count("A axis") == 1  # in the overview, without the number of a page
+    assert {"bench", "page 2", UNKNOWN} <= set(written)
+    assert "Axes that need nothing have no page here." in text
+    assert "How the numbers were made" not in written
+    assert "Epochs" not in written
+    for words in ("order a nut", "Clipped.", "by Ada: nut ordered", "Newest 10 of 14 runs"):
+        assert words in text
 
 
 def test_the_report_of_an_axis_has_what_to_do_alarms_events_and_origins(
@@ -235,6 +251,15 @@ def test_a_store_is_only_read_also_while_it_is_served(plant: Store, tmp_path: Pa
     with plant.folder.locked("serve", serving=True):
         report(plant, out=tmp_path / "a.html", at=TIME)
     assert count(plant, Audit) == rows
+
+
+def test_an_axis_that_is_only_set_up_is_in_the_report(tmp_path: Path) -> None:
+    store = Store(Store.init(tmp_path / "store").path)
+    (tmp_path / "axis.toml").write_text(AXIS, encoding="utf-8")
+    store.add(tmp_path / "axis.toml")
+    report(store, out=tmp_path / "a.html", at=TIME)
+    assert "1 axis: 1 unknown" in (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert report(store, out=tmp_path / "a.pdf", at=TIME)["pages"] == 2
 
 
 class _Tags(HTMLParser):

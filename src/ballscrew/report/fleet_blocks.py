@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from itertools import pairwise
 from statistics import median
@@ -39,6 +39,11 @@ _FOLLOWS = 1.5  # times the usual time between two runs: the longest that a stat
 _LEAST_PART = 1 / 250  # of a strip
 _URGENCY = {"alarm": 1, "unloaded": 1, "watch": 3, "suspect": 4, UNKNOWN: 4, "learning": 6, "normal": 7}
 _LEGEND = "Strip: state of each run of the year, the higher the worse; a gap is a time without runs."
+_SOUND = 6  # urgency from which on an axis needs nothing
+_BRIEF = (
+    "Axes that need nothing have no page here. 'ballscrew report AXIS' and the report as HTML also contain "
+    "their pages, events, epochs, more runs, and how the numbers were made."
+)
 
 
 def urgency_of(axis: StoredAxis) -> tuple[int, str]:
@@ -53,7 +58,9 @@ def urgency_of(axis: StoredAxis) -> tuple[int, str]:
     return rank, axis.name
 
 
-def report_blocks(axes: Sequence[StoredAxis], at: datetime, *, fleet: bool) -> list[ReportBlock]:
+def report_blocks(
+    axes: Sequence[StoredAxis], at: datetime, *, fleet: bool, brief: bool = False
+) -> list[ReportBlock]:
     """Blocks of a report.
 
     Parameters
@@ -64,22 +71,30 @@ def report_blocks(axes: Sequence[StoredAxis], at: datetime, *, fleet: bool) -> l
         Time of the report.
     fleet : bool
         Whether a page of all axes comes first.
+    brief : bool
+        Whether axes that need nothing have no page, and the others one or two.
 
     Returns
     -------
     list of ReportBlock
         In the order of reading.
     """
-    anchors = [f"axis-{number}" for number in range(1, len(axes) + 1)]
+    anchors: dict[str, str] = {}
+    for number, axis in enumerate(axes, 1):
+        if not brief or urgency_of(axis)[0] < _SOUND:
+            anchors[axis.name] = f"axis-{number}"
     blocks: list[ReportBlock] = []
     if fleet:
         blocks += _fleet(axes, anchors, at)
-    for axis, anchor in zip(axes, anchors, strict=True):
-        blocks += axis_blocks(axis, at, anchor)
+        if brief:
+            blocks.append(Sentences(_BRIEF, soft=True))
+    for axis in axes:
+        if axis.name in anchors:
+            blocks += axis_blocks(axis, at, anchors[axis.name], brief=brief)
     return blocks
 
 
-def _fleet(axes: Sequence[StoredAxis], anchors: Sequence[str], at: datetime) -> list[ReportBlock]:
+def _fleet(axes: Sequence[StoredAxis], anchors: Mapping[str, str], at: datetime) -> list[ReportBlock]:
     heading = PageHeading("State of the axes", f"as of {at:%Y-%m-%d %H:%M} UTC · all times are UTC", "fleet")
     if not axes:
         return [heading, StateWords(UNKNOWN, "The store has no axis.")]
@@ -93,9 +108,11 @@ def _fleet(axes: Sequence[StoredAxis], anchors: Sequence[str], at: datetime) -> 
         TableColumn("measurement", 2.15), TableColumn(period, 3.3),
     )  # fmt: skip
     rows = []
-    for axis, anchor in zip(axes, anchors, strict=True):
-        link = AxisLink(short_name(axis.name), anchor)
-        rows.append(_row(axis, link, at, _strip(axis, begin, end)))
+    for axis in axes:
+        name: TableCell = short_name(axis.name)
+        if axis.name in anchors:
+            name = AxisLink(short_name(axis.name), anchors[axis.name])
+        rows.append(_row(axis, name, at, _strip(axis, begin, end)))
     states = Counter(state_words(axis).lamp for axis in axes)
     counts = [f"{states[state]} {state}" for state in _URGENCY if state in states]
     worst = state_words(axes[0]).lamp
@@ -104,10 +121,10 @@ def _fleet(axes: Sequence[StoredAxis], anchors: Sequence[str], at: datetime) -> 
     return [heading, conclusion, ReportTable(columns, tuple(rows)), Sentences(_LEGEND, soft=True)]
 
 
-def _row(axis: StoredAxis, link: AxisLink, at: datetime, strip: StateStrip) -> tuple[TableCell, ...]:
+def _row(axis: StoredAxis, name: TableCell, at: datetime, strip: StateStrip) -> tuple[TableCell, ...]:
     alarms = [f"since {utc_minute(each['began_at'])[:10]}, {each['state']}" for each in axis.preload_alarms]
     return (
-        state_words(axis), link, short_name(", ".join(axis.place)) or NONE,
+        state_words(axis), name, short_name(", ".join(axis.place)) or NONE,
         interval_words(axis.document["stiffness"]), life_words(axis.document["rul_days"]),
         last_words(axis, at), due_words(axis), "; ".join(alarms) or NONE, measurement_words(axis), strip,
     )  # fmt: skip
@@ -127,6 +144,8 @@ def _period(axes: Sequence[StoredAxis], at: datetime) -> tuple[datetime, datetim
 def _strip(axis: StoredAxis, begin: datetime, end: datetime) -> StateStrip:
     """States of the runs of a period, each until the next run unless that is long after it."""
     runs = [(moment(run["measured_at"], "a run"), run["state"]) for run in axis.counting]
+    if not runs:
+        return StateStrip(())
     gaps = [(later - earlier) / _YEAR for (earlier, _), (later, _) in pairwise(runs)]
     longest = _LEAST_PART
     if gaps:

@@ -10,23 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from ballscrew.base.errors import InputError
-from ballscrew.report.blocks import (
-    AxisLink,
-    DrawnPicture,
-    ItemList,
-    PageHeading,
-    ReportBlock,
-    ReportTable,
-    SectionHeading,
-    Sentences,
-    StateStrip,
-    StateWords,
-    TableCell,
-    TableColumn,
-    height_of,
-    look_of,
-    single_line,
-)
+from ballscrew.report import blocks
 from ballscrew.report.canvas import STATE_SIGNS, Figure, blank, check_drawing, save_figure, styled
 
 _DAY = re.compile(r"\b\d{4}-\d\d-\d\d\b(\s\d\d:\d\d)?")  # would be divided at its hyphens
@@ -120,14 +104,14 @@ def html_page(
     return _document(title, _STYLE, body)
 
 
-def html_report(title: str, blocks: Iterable[ReportBlock]) -> str:
+def html_report(title: str, content: Iterable[blocks.ReportBlock]) -> str:
     """Report as HTML.
 
     Parameters
     ----------
     title : str
         Its title.
-    blocks : iterable of ReportBlock
+    content : iterable of ReportBlock
         Its parts.
 
     Returns
@@ -135,7 +119,7 @@ def html_report(title: str, blocks: Iterable[ReportBlock]) -> str:
     str
         One file that loads no other; all texts are escaped. Without matplotlib it has no picture.
     """
-    return _document(title, _STYLE + _REPORT_STYLE, map(_block, blocks))
+    return _document(title, _STYLE + _REPORT_STYLE, map(_block, content))
 
 
 def image_of(figure: Figure) -> str:
@@ -157,26 +141,26 @@ def _document(title: str, style: str, body: Iterable[str]) -> str:
     )
 
 
-def _block(block: ReportBlock) -> str:
+def _block(block: blocks.ReportBlock) -> str:
     match block:
-        case PageHeading(text, below, anchor):
+        case blocks.PageHeading(text, below, anchor):
             return f'<h1 id="{anchor}">{_escaped(text)}</h1><p class="soft">{_escaped(below)}</p>'
-        case SectionHeading(text):
+        case blocks.SectionHeading(text):
             return f"<h2>{_escaped(text)}</h2>"
-        case StateWords(lamp, words):
+        case blocks.StateWords(lamp, words):
             return _conclusion(words, lamp)
-        case Sentences(text, soft):
+        case blocks.Sentences(text, soft):
             kind = ' class="soft"' * soft
             return f"<p{kind}>{_escaped(text)}</p>"
-        case ItemList(texts):
+        case blocks.ItemList(texts):
             return f"<ul><li>{'</li><li>'.join(map(_escaped, texts))}</li></ul>"
-        case ReportTable():
+        case blocks.ReportTable():
             return _report_table(block)
-        case DrawnPicture():
+        case blocks.DrawnPicture():
             return _picture(block)
 
 
-def _picture(picture: DrawnPicture) -> str:
+def _picture(picture: blocks.DrawnPicture) -> str:
     """A picture; nothing without matplotlib."""
     try:
         check_drawing()
@@ -188,7 +172,7 @@ def _picture(picture: DrawnPicture) -> str:
     return _figure(image_of(figure), picture.caption)
 
 
-def _report_table(table: ReportTable) -> str:
+def _report_table(table: blocks.ReportTable) -> str:
     head = ""
     for column in table.columns:
         head += f"<th{_kind(column)}>{_escaped(column.title)}</th>"
@@ -202,24 +186,24 @@ def _report_table(table: ReportTable) -> str:
     return f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>\n{body}</tbody></table></div>'
 
 
-def _kind(column: TableColumn) -> str:
+def _kind(column: blocks.TableColumn) -> str:
     return ' class="number"' if column.right else ""
 
 
-def _cell(cell: TableCell) -> str:
+def _cell(cell: blocks.TableCell) -> str:
     match cell:
-        case StateWords(lamp, words):
-            sign, colour = look_of(lamp)
+        case blocks.StateWords(lamp, words):
+            sign, colour = blocks.look_of(lamp)
             mark = f'<span class="sign" style="color: {colour}" aria-hidden="true">{sign}</span>'
             return f'<span class="state">{mark}&nbsp;{_escaped(words)}</span>'
-        case AxisLink(name, anchor):
+        case blocks.AxisLink(name, anchor):
             return f'<a href="#{anchor}">{_escaped(name)}</a>'
-        case StateStrip(parts):
+        case blocks.StateStrip(parts):
             bars = []
             for begin, end, state in parts:
-                height = 100 * height_of(state)
+                height = 100 * blocks.height_of(state)
                 place = f'x="{1000 * begin:.1f}" y="{100 - height:.0f}" width="{1000 * (end - begin):.1f}"'
-                bars.append(f'<rect {place} height="{height:.0f}" fill="{look_of(state)[1]}"/>')
+                bars.append(f'<rect {place} height="{height:.0f}" fill="{blocks.look_of(state)[1]}"/>')
             view = 'viewBox="0 0 1000 100" preserveAspectRatio="none" shape-rendering="crispEdges" role="img"'
             return f'<svg class="strip" {view} aria-label="states of the year">{"".join(bars)}</svg>'
         case _:
@@ -234,7 +218,7 @@ def state_words(state: str) -> str:
 def _conclusion(text: str, lamp: str) -> str:
     if not lamp:
         return f'<p class="conclusion">{_escaped(text)}</p>'
-    sign, colour = look_of(lamp)
+    sign, colour = blocks.look_of(lamp)
     mark = f'<span class="lamp" aria-hidden="true">{sign}</span>'
     return f'<p class="conclusion" style="--lamp: {colour}">{mark} {_escaped(text)}</p>'
 
@@ -255,4 +239,4 @@ def _row(cells: Iterable[str], tag: str) -> str:
 
 
 def _escaped(text: str) -> str:
-    return escape(single_line(text))
+    return escape(blocks.single_line(text))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ballscrew.base.files import Progress, ignore_progress, replacing
-from ballscrew.report import canvas
+from ballscrew.report import blocks, canvas
 from ballscrew.report.a4 import (
     HEIGHT,
     INCH,
@@ -24,21 +24,6 @@ from ballscrew.report.a4 import (
     words_at,
     wrapped,
 )
-from ballscrew.report.blocks import (
-    AxisLink,
-    DrawnPicture,
-    ItemList,
-    PageHeading,
-    ReportBlock,
-    ReportTable,
-    SectionHeading,
-    Sentences,
-    StateStrip,
-    StateWords,
-    TableCell,
-    TableColumn,
-    look_of,
-)
 from ballscrew.report.canvas import Figure
 
 _MARGIN, _RIGHT, _TOP, _BOTTOM = 15.0, 282.0, 12.0, 198.0
@@ -50,11 +35,11 @@ _INDENT = 4.0  # mm of an item
 _MARK = 4.2  # mm of the sign of a state
 _MEASURE = 200.0  # mm, longest line of a sentence
 _MOST_LINES = 24  # of a cell; its whole text is in the HTML report
-_LEAST_PICTURE = 0.68  # of its height; where there is less room, it is on the next page
+_LEAST_PICTURE = 0.5  # of its height; where there is less room, it is on the next page
 
 
 def write_pdf(
-    path: str | Path, title: str, blocks: Sequence[ReportBlock], progress: Progress = ignore_progress
+    path: str | Path, title: str, content: Sequence[blocks.ReportBlock], progress: Progress = ignore_progress
 ) -> int:
     """Write a report as PDF; the same report gives the same file.
 
@@ -64,7 +49,7 @@ def write_pdf(
         File to write, whole or not at all.
     title : str
         Its title, also at the foot of each page.
-    blocks : sequence of ReportBlock
+    content : sequence of ReportBlock
         Its parts.
     progress : callable
         Called after each page.
@@ -84,17 +69,17 @@ def write_pdf(
         from matplotlib.backends.backend_pdf import PdfPages
 
         layout = _Layout()
-        for block in blocks:
+        for block in content:
             layout.add(block)
-        content = BytesIO()
+        written = BytesIO()
         metadata = {"Title": title, "Creator": "ballscrew", "CreationDate": None}
         number = len(layout.pages)
-        with rc_context({"pdf.fonttype": 42}), PdfPages(content, metadata=metadata) as pages:
+        with rc_context({"pdf.fonttype": 42}), PdfPages(written, metadata=metadata) as pages:
             for index, page in enumerate(layout.pages):
                 pages.savefig(_page(page, title, index + 1, number))
                 progress(index + 1, number, f"page {index + 1}")
     with replacing(path) as temporary:
-        temporary.write_bytes(content.getvalue())
+        temporary.write_bytes(written.getvalue())
     return number
 
 
@@ -124,32 +109,32 @@ class _Layout:
         self.y = _TOP
         self._numbers: dict[str, int] = {}
 
-    def add(self, block: ReportBlock) -> None:
+    def add(self, block: blocks.ReportBlock) -> None:
         """Add a block, on further pages if need be."""
         match block:
-            case PageHeading():
+            case blocks.PageHeading():
                 self._heading(block)
-            case SectionHeading(text):
+            case blocks.SectionHeading(text):
                 self._reserve(24.0)
                 self.y += 3.0
                 self._lines([text], 11.5, weight="bold")
                 self.y += 0.6
-            case StateWords():
+            case blocks.StateWords():
                 self._conclusion(block)
-            case Sentences(text, soft):
+            case blocks.Sentences(text, soft):
                 size, colour = (_SMALL, SOFT) if soft else (_SIZE, TEXT)
                 self.y += 1.0
                 self._lines(wrapped(text, _MEASURE, size), size, colour=colour)
-            case ItemList(texts):
+            case blocks.ItemList(texts):
                 for text in texts:
                     lines = wrapped(text, _MEASURE - _INDENT, _SIZE)
                     self._reserve(pitch(_SIZE))
                     self._draw(words_at("•", _MARGIN + 0.5, self.y + rise(_SIZE), _SIZE))
                     self._lines(lines, _SIZE, left=_MARGIN + _INDENT)
                     self.y += 0.5
-            case ReportTable():
+            case blocks.ReportTable():
                 self._table(block)
-            case DrawnPicture():
+            case blocks.DrawnPicture():
                 self._picture(block)
 
     def _draw(self, drawing: Drawing) -> None:
@@ -179,16 +164,16 @@ class _Layout:
             self._draw(words_at(line, left, self.y + rise(size), size, colour=colour, weight=weight))
             self.y += pitch(size)
 
-    def _heading(self, block: PageHeading) -> None:
+    def _heading(self, block: blocks.PageHeading) -> None:
         self._begin_page()
         self._numbers[block.anchor] = len(self.pages)
         self._lines(wrapped(block.text, _RIGHT - _MARGIN, 17, bold=True), 17, weight="bold")
         self._lines(wrapped(block.below, _RIGHT - _MARGIN, _SIZE), _SIZE, colour=SOFT)
 
-    def _conclusion(self, block: StateWords) -> None:
+    def _conclusion(self, block: blocks.StateWords) -> None:
         """State in one line, set off by its colour and sign."""
         size, left = 11.5, _MARGIN + 4.0
-        sign, colour = look_of(block.lamp)
+        sign, colour = blocks.look_of(block.lamp)
         lines = wrapped(block.words, _RIGHT - left - 7.0, size, bold=True)
         height = len(lines) * pitch(size)
         self._reserve(height + 6.0)
@@ -198,7 +183,7 @@ class _Layout:
         self._lines(lines, size, left=left + 7.0, weight="bold")
         self.y += 2.0
 
-    def _picture(self, block: DrawnPicture) -> None:
+    def _picture(self, block: blocks.DrawnPicture) -> None:
         self._reserve(_LEAST_PICTURE * block.height)
         top, height = self.y + 2.0, min(_BOTTOM - self.y - 2.0, block.height)
 
@@ -211,7 +196,7 @@ class _Layout:
         self._draw(draw)
         self.y = top + height
 
-    def _table(self, table: ReportTable) -> None:
+    def _table(self, table: blocks.ReportTable) -> None:
         slots = _slots(table.columns)
         self.y += 1.5
         self._reserve(_head_height(slots) + 3 * pitch(_CELL))
@@ -244,16 +229,16 @@ class _Layout:
         self.y += height
         self._draw(bar_at(_MARGIN, self.y - 0.5, _RIGHT - _MARGIN, 0.25, SOFT))
 
-    def _cell(self, cell: TableCell, lines: Sequence[str], slot: _Slot) -> None:
+    def _cell(self, cell: blocks.TableCell, lines: Sequence[str], slot: _Slot) -> None:
         x, y, weight = slot.edge, self.y + 0.7, "normal"
         match cell:
-            case StateStrip():
+            case blocks.StateStrip():
                 self._draw(strip_at(cell, x, y - 0.2, slot.width))
-            case StateWords(lamp, _):
-                sign, colour = look_of(lamp)
+            case blocks.StateWords(lamp, _):
+                sign, colour = blocks.look_of(lamp)
                 self._draw(words_at(sign, x, y + rise(_CELL), _CELL + 2, colour=colour))
                 x, weight = x + _MARK, "bold"
-            case AxisLink(_, anchor):
+            case blocks.AxisLink(_, anchor):
                 below = y + (len(lines) - 1) * pitch(_CELL) + rise(_CELL)
                 self._draw(_page_number(self._numbers, anchor, x, below))
         for line in lines:
@@ -291,7 +276,7 @@ class _Slot:
         return "right" if self.is_right else "left"
 
 
-def _slots(columns: Sequence[TableColumn]) -> list[_Slot]:
+def _slots(columns: Sequence[blocks.TableColumn]) -> list[_Slot]:
     """Columns over the whole width of a page."""
     total = sum(column.width for column in columns)
     share = (_RIGHT - _MARGIN - _GAP * (len(columns) - 1)) / total
@@ -310,14 +295,14 @@ def _head_height(slots: Sequence[_Slot]) -> float:
     return max(len(slot.title) for slot in slots) * pitch(_SMALL) + 1.5
 
 
-def _cell_lines(cell: TableCell, width: float) -> list[str]:
+def _cell_lines(cell: blocks.TableCell, width: float) -> list[str]:
     """Lines of a cell; the last one of a link is for the number of its page."""
     match cell:
-        case StateStrip():
+        case blocks.StateStrip():
             return ["", ""]
-        case StateWords(_, words):
+        case blocks.StateWords(_, words):
             return wrapped(words, width - _MARK, _CELL, bold=True)
-        case AxisLink(name, _):
+        case blocks.AxisLink(name, _):
             return [*wrapped(name, width, _CELL), ""]
         case _:
             lines = wrapped(cell, width, _CELL)

@@ -28,7 +28,7 @@ from ballscrew.report.canvas import FigureBase
 from ballscrew.report.stored_words import RUN_WIDTH, changes, exclusions, stored_headline, utc_minute
 from ballscrew.report.what_to_do import WAIT
 
-_NEWEST = 30  # runs in the table
+_NEWEST, _NEWEST_BRIEF = 30, 10  # runs in the table
 _BECAUSE = {
     "overdue": "its run is overdue",
     "old": "last run is old",
@@ -166,7 +166,7 @@ def _unbroken(text: str) -> str:
     return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
-def axis_blocks(axis: StoredAxis, at: datetime, anchor: str) -> list[ReportBlock]:
+def axis_blocks(axis: StoredAxis, at: datetime, anchor: str, *, brief: bool = False) -> list[ReportBlock]:
     """Pages of an axis.
 
     Parameters
@@ -177,6 +177,8 @@ def axis_blocks(axis: StoredAxis, at: datetime, anchor: str) -> list[ReportBlock
         Time of the report.
     anchor : str
         Name of the page in the file.
+    brief : bool
+        Whether it contains only what the state rests on, which is one page or two.
 
     Returns
     -------
@@ -189,19 +191,28 @@ def axis_blocks(axis: StoredAxis, at: datetime, anchor: str) -> list[ReportBlock
     blocks += [_conclusion(axis), SectionHeading("What to do"), *listed(_actions(axis))]
     blocks.append(_key_numbers(axis, at))
     blocks += _picture(axis)
-    for title, tables in (
-        ("Alarms and actions", _alarms(axis.alarms)),
-        ("Forecast", listed(_forecast(axis))),
-        ("Causes", _causes(axis)),
-        ("Doubts", listed(_doubts(axis))),
-        ("Events, exclusions and corrections", _events(axis.document)),
-        ("Epochs", _epochs(axis.epochs)),
-        (_runs_title(axis.document["runs"]), _runs(axis.document["runs"])),
-        ("How the numbers were made", _made(axis)),
-    ):
+    for title, tables in _sections(axis, brief):
         if tables:
             blocks += [SectionHeading(title), *tables]
     return blocks
+
+
+def _sections(axis: StoredAxis, brief: bool) -> Iterator[tuple[str, list[ReportBlock]]]:
+    """Headings of an axis with what is below them."""
+    runs = axis.document["runs"]
+    alarms, newest = axis.alarms, _NEWEST
+    if brief:
+        alarms, newest = axis.alarms[: axis.standing], _NEWEST_BRIEF
+    yield "Alarms and actions", _alarms(alarms)
+    yield "Forecast", listed(_forecast(axis))
+    yield "Causes", _causes(axis)
+    yield "Doubts", listed(_doubts(axis))
+    if not brief:
+        yield "Events, exclusions and corrections", _events(axis.document)
+        yield "Epochs", _epochs(axis.epochs)
+    yield _runs_title(runs, newest), _runs(runs[-newest:])
+    if not brief:
+        yield "How the numbers were made", _made(axis)
 
 
 def _picture(axis: StoredAxis) -> list[ReportBlock]:
@@ -345,9 +356,9 @@ def _epochs(epochs: Sequence[dict[str, Any]]) -> list[ReportBlock]:
     return _table(columns, rows)
 
 
-def _runs_title(runs: Sequence[dict[str, Any]]) -> str:
-    if len(runs) > _NEWEST:
-        return f"Newest {_NEWEST} of {plural(len(runs), 'run')}"
+def _runs_title(runs: Sequence[dict[str, Any]], newest: int) -> str:
+    if len(runs) > newest:
+        return f"Newest {newest} of {plural(len(runs), 'run')}"
     return plural(len(runs), "run").capitalize()
 
 
@@ -358,7 +369,7 @@ def _runs(runs: Sequence[dict[str, Any]]) -> list[ReportBlock]:
         TableColumn("nut as P/P₀ (95 %)", 1.75, right=True), TableColumn("load, kg", 0.7, right=True),
         TableColumn("temperature, °C", 1.1, right=True), TableColumn("run", 1.2),
     )  # fmt: skip
-    return _table(columns, (_run(run) for run in reversed(runs[-_NEWEST:])))
+    return _table(columns, (_run(run) for run in reversed(runs)))
 
 
 def _run(run: dict[str, Any]) -> tuple[TableCell, ...]:

@@ -48,7 +48,7 @@ def show_trend(axis: str, caller: AdminCaller, service: RunningService) -> Respo
     that do not count or have no time are left out.
     """
     with service.store.read() as session:
-        row = _find(session, axis)
+        row = axis_of(session, axis)
         document = {
             "runs": _trend_columns(session, row),
             "epochs": _times(session, EpochRow, row, "number", "begins", "ends", "cause", "alarm_at"),
@@ -56,7 +56,7 @@ def show_trend(axis: str, caller: AdminCaller, service: RunningService) -> Respo
             "alarms": _times(session, AlarmRow, row, "began_at", "retracted_at"),
             "ahead": (find_explanation(session, row) or {}).get("ahead"),
         }
-    return _answer(axis, document)
+    return answer_columns(axis, document)
 
 
 @router.get("/frequencies")
@@ -68,12 +68,12 @@ def show_frequencies(axis: str, caller: AdminCaller, service: RunningService) ->
     temperature.
     """
     with service.store.read() as session:
-        row = _find(session, axis)
-        runs = _timed(session, row)
+        row = axis_of(session, axis)
+        runs = timed_runs(session, row)
         columns = (CellRow.position_m, CellRow.condition, CellRow.motion, CellRow.frequency_Hz)
-        cells = _results(session, row, *columns, of_cells=True)
+        cells = used_columns(session, row, *columns, of_cells=True)
         states = _baseline_states(session, row)
-    return _answer(axis, _frequency_columns(runs, cells, states))
+    return answer_columns(axis, _frequency_columns(runs, cells, states))
 
 
 @router.get("/mechanics")
@@ -84,9 +84,9 @@ def show_mechanics(axis: str, caller: AdminCaller, service: RunningService) -> R
     of its stops.
     """
     with service.store.read() as session:
-        row = _find(session, axis)
-        runs = _timed(session, row)
-        found = _results(session, row, ResultRow.document)
+        row = axis_of(session, axis)
+        runs = timed_runs(session, row)
+        found = used_columns(session, row, ResultRow.document)
     documents = {number: unpack(content) for number, content in found}
     columns: dict[str, list[Any]] = {"run": [], "time": [], "lost_motion_m": []}
     columns |= {name: [] for name in _RIGID_BODY}
@@ -97,10 +97,10 @@ def show_mechanics(axis: str, caller: AdminCaller, service: RunningService) -> R
         columns["lost_motion_m"].append(_lost_motion(document.get("lost_motion") or []))
         for name in _RIGID_BODY:
             columns[name].append(_rigid_body(document.get("rigid_body") or {}, name))
-    return _answer(axis, columns)
+    return answer_columns(axis, columns)
 
 
-def _find(session: Session, name: str) -> Axis:
+def axis_of(session: Session, name: str) -> Axis:
     """Row of an axis.
 
     Raises
@@ -114,18 +114,18 @@ def _find(session: Session, name: str) -> Axis:
         raise RefusedError(404, str(error)) from None
 
 
-def _answer(axis: str, document: dict[str, Any]) -> Response:
+def answer_columns(axis: str, document: dict[str, Any]) -> Response:
     """Columns as JSON: FastAPI would copy each number."""
     text = json.dumps({"schema": SCHEMA, "axis": axis} | document, separators=(",", ":"), allow_nan=False)
     return Response(text, media_type="application/json", headers={"Cache-Control": "no-store"})
 
 
-def _timed(session: Session, axis: Axis) -> list[Any]:
-    """Rows of the runs that count and have a time, in its order."""
+def timed_runs(session: Session, axis: Axis) -> list[Any]:
+    """Rows of the runs of an axis that count and have a time, in its order."""
     return [row for row in current_rows(session, axis) if row.time is not None]
 
 
-def _results(session: Session, axis: Axis, *columns: Any, of_cells: bool = False) -> list[Any]:
+def used_columns(session: Session, axis: Axis, *columns: Any, of_cells: bool = False) -> list[Any]:
     """Number of the run, and columns of its result in the history of an axis, or of the cells of it."""
     used = used_results(session, axis).values()
     counting = {result.row for result in used}
@@ -157,7 +157,7 @@ def _trend_columns(session: Session, axis: Axis) -> dict[str, list[Any]]:
     }
     names = ("run", "time", "measured_at", "temperature_C")
     found: dict[str, list[Any]] = {name: [] for name in (*names, *_UNKNOWN, "quality", "ramp", "odds")}
-    for run in _timed(session, axis):
+    for run in timed_runs(session, axis):
         values = {name: getattr(run, name) for name in names}
         values |= states.get(run.id, _UNKNOWN)
         values["ramp"], values["odds"] = evidence.get(run.id, (None, None))

@@ -161,6 +161,16 @@ class OnDemand:
             self._check_refusal(key)
         return path if _is_whole(path) else None
 
+    def look(self, key: str) -> Path | None:
+        """As :meth:`find`, of a result that is there already: None otherwise, and nothing is computed."""
+        path = self._folder / key
+        with self._lock:
+            self._check_refusal(key)
+            if not _is_whole(path):
+                return None
+            os.utime(path)
+        return path
+
     def _check_refusal(self, key: str) -> None:
         """Refuse what failed; what may succeed meanwhile only for a while."""
         failure, at = self._refusals.get(key, (None, 0.0))

@@ -7,7 +7,7 @@ import csv
 import io
 import json
 import re
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable, Sequence
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from typing import Annotated, Any, Literal
@@ -50,12 +50,48 @@ _COLUMNS = (
     "run", "measured_at", "mass_kg", "temperature_C", "supersedes", "counts", "quality", "state", "epoch",
     "stiffness", "stiffness_low", "stiffness_high", "nut", "nut_low", "nut_high",
 )  # fmt: skip
+_FLEET_COLUMNS = (
+    "axis", "machine", "site", "state", "state_because", "last_assessed_state", "measurement_troubles",
+    "missing", "runs", "stiffness_ratio", "stiffness_ratio_low", "stiffness_ratio_high",
+    "remaining_life_p05_days", "remaining_life_p50_days", "remaining_life_p95_days", "alarm_at",
+    "newest_run_at", "next_run_due_at", "assessed_at",
+)  # fmt: skip
 
 
-@router.get("/axes")
-def show_axes(caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
-    """Every axis with its state."""
-    return fleet_document(service)
+@router.get("/axes", response_model=None)
+def show_axes(
+    caller: AdminCaller,  # noqa: ARG001
+    service: RunningService,
+    format: Literal["json", "csv"] = "json",  # noqa: A002
+) -> dict[str, Any] | Response:
+    """Every axis with its state, as JSON, or as CSV with a row for each."""
+    document = fleet_document(service)
+    if format == "csv":
+        return _csv(_FLEET_COLUMNS, map(_fleet_row, document["axes"]))
+    return document
+
+
+def _fleet_row(axis: dict[str, Any]) -> dict[str, Any]:
+    """Row of an axis: ratios, days and ISO times alone."""
+    stiffness, life, lamp = axis["stiffness"] or [None] * 3, axis["rul_days"], axis["lamp"]
+    troubles = "; ".join(each["kind"] for each in axis["measurement"]["troubles"])
+    values = (
+        axis["axis"], axis["machine"], axis["site"], lamp["state"], lamp["because"], axis["last_state"],
+        troubles, "; ".join(axis["missing"]), axis["runs"], *stiffness,
+        life.get("0.05"), life.get("0.5"), life.get("0.95"), axis["alarm_at"],
+        axis["newest_at"], axis["due_at"], axis["assessed_at"],
+    )  # fmt: skip
+    return dict(zip(_FLEET_COLUMNS, values, strict=True))
+
+
+def _csv(columns: Sequence[str], rows: Iterable[dict[str, Any]]) -> Response:
+    """Rows as CSV, without texts that a spreadsheet would execute."""
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, columns, lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({name: not_executed(value) for name, value in row.items()})
+    return Response(stream.getvalue(), media_type="text/csv")
 
 
 def fleet_document(service: Service) -> dict[str, Any]:
@@ -181,12 +217,7 @@ def show_history(
         text = json.dumps({"schema": SCHEMA, "axis": axis, "history": rows})
         return Response(text, media_type="application/json")
     if format == "csv":
-        stream = io.StringIO()
-        writer = csv.DictWriter(stream, _COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        for row in rows:
-            writer.writerow({name: not_executed(value) for name, value in row.items()})
-        return Response(stream.getvalue(), media_type="text/csv")
+        return _csv(_COLUMNS, rows)
     if find_spec("pyarrow") is None:
         raise InputError("Parquet needs pyarrow on the server: python -m pip install 'ballscrew[parquet]'.")
     import pandas as pd

@@ -1,26 +1,31 @@
-"""Answers about the FRF of a cell of a run, computed from its raw files."""
+"""Answers about the FRF of a cell, of one run or of all runs of an axis, computed from the raw files."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from fastapi import APIRouter, Query
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, Response
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from ballscrew.base.arrays import Array
+from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.base.provenance import digest
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.comparing import run_of
-from ballscrew.service.on_demand import Responses, not_yet
-from ballscrew.service.serving import RefusedError
+from ballscrew.service.curves import answer_columns, axis_of, timed_runs, used_columns
+from ballscrew.service.on_demand import OnDemand, Responses, not_yet
+from ballscrew.service.serving import TOO_MANY, RefusedError
 from ballscrew.service.stored_runs import (
     RAW_GONE,
     RawRecording,
@@ -29,10 +34,16 @@ from ballscrew.service.stored_runs import (
     recordings_of,
     stated_of,
 )
+from ballscrew.store.tables import Axis, CellRow, RawFile, RecordingRow, RunRow
 
-router = APIRouter(prefix="/api/v1/runs/{run}")
+router = APIRouter(prefix="/api/v1")
 
 _MOST_LINES = 4000
+_MOST_RUNS = 200  # of a map, the newest
+_MAP_LINES = 200
+_KEY = ("position_m", "condition", "motion")
+_COLUMNS = ("run", "time", "magnitude_dB", "natural_frequency_Hz", "standard_uncertainty_Hz")
+_SPAN = (0.5, 1.6)  # ends of a map, relative to the median of the natural frequency
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +66,11 @@ class ResponseTask:
     files: tuple[tuple[str, str, str], ...]
     documents: dict[str, str]
     stated: dict[str, Any]
+
+    @property
+    def key(self) -> str:
+        """Name of the result."""
+        return digest(self.stated)[:32]
 
     def write(self, folder: Path) -> None:
         """Write the FRF of each cell as JSON, under the name of :func:`_cell_file`, and ``about.json``."""
@@ -87,7 +103,7 @@ def _cell_file(position: float, condition: str, motion: int) -> str:
     return f"{position * 1e6:.0f}-{condition}-{motion}.json"
 
 
-@router.get("/response", response_model=None)
+@router.get("/runs/{run}/response", response_model=None)
 def show_response(
     run: str,
     caller: AdminCaller,  # noqa: ARG001
@@ -108,7 +124,7 @@ def show_response(
         if cell >= len(result.cells):
             raise RefusedError(404, f"the run has {len(result.cells)} cells, and none of the number {cell}.")
         task = _response_task(session, found, str(service.store.folder.files.resolve()))
-    folder = results.find(digest(task.stated)[:32], task)
+    folder = results.find(task.key, task)
     chosen = result.cells[cell]
     document = _read_cell(folder, _cell_file(*chosen.key))
     if document is None:
@@ -157,3 +173,140 @@ def _in_order(recordings: Sequence[RawRecording], hashes: Sequence[str]) -> tupl
             raise RefusedError(404, f"{RAW_GONE}: no FRF can be computed.")
         files.append((recording.name, sha256, recording.compression))
     return tuple(files)
+
+
+@dataclass(frozen=True, slots=True)
+class CellCourse:
+    """Natural frequency of a cell in the runs of an axis, and how the FRF of each is computed.
+
+    Parameters
+    ----------
+    cells : list of (position, condition, motion)
+        All cells of the axis.
+    runs : list
+        Rows of its runs that count and have a time.
+    frequency : dict of int to (float or None, float or None)
+        Of the cell, with its standard uncertainty, by the number of the run's row.
+    tasks : dict of int to ResponseTask
+        Of the newest runs whose raw files are stored, by the number of the run's row.
+    stored : int
+        How many runs have raw files that can be analysed.
+    """
+
+    cells: list[tuple[float, str, int]]
+    runs: list[Any]
+    frequency: dict[int, tuple[float | None, float | None]]
+    tasks: dict[int, ResponseTask]
+    stored: int
+
+
+@router.get("/axes/{axis:path}/responses", response_model=None)
+def show_responses(
+    axis: str,
+    caller: AdminCaller,  # noqa: ARG001
+    service: RunningService,
+    results: Responses,
+    cell: Annotated[int, Query(ge=0, le=100_000)] = 0,
+) -> Response:
+    """Magnitude of the FRF of a cell by run and frequency, in dB, for a map, with its natural frequency.
+
+    ``cells`` lists the cells of the axis, by whose number one is chosen. Only runs whose raw files are stored
+    have a magnitude, of these the newest 200. Each request computes one of those that are ``waiting``: ask
+    again until there is none. ``refused`` have no FRF.
+    """
+    with service.store.read() as session:
+        course = _course(session, axis_of(session, axis), cell, str(service.store.folder.files.resolve()))
+    found, waiting = _read_cells(results, course.tasks, _cell_file(*course.cells[cell]))
+    documents = {number: document for number, document in found.items() if document}
+    lines = _lines(list(documents.values()), course.frequency.values())
+    columns: dict[str, list[Any]] = {name: [] for name in _COLUMNS}
+    for run in course.runs:
+        magnitude = _decibels(documents.get(run.id), lines)
+        values = (run.run, run.time, magnitude, *course.frequency.get(run.id, (None, None)))
+        for column, value in zip(columns.values(), values, strict=True):
+            column.append(value)
+    counts = {"stored": course.stored, "waiting": waiting, "refused": len(found) - len(documents)}
+    cells = [dict(zip(_KEY, each, strict=True)) for each in course.cells]
+    return answer_columns(
+        axis, {"cells": cells, "cell": cell, "frequency_Hz": plain(lines, 6), **columns, **counts}
+    )
+
+
+def _course(session: Session, axis: Axis, cell: int, folder: str) -> CellCourse:
+    """Runs of an axis with the frequency of a cell, by its number among all cells of the axis."""
+    columns = (CellRow.position_m, CellRow.condition, CellRow.motion)
+    values = (CellRow.frequency_Hz, CellRow.standard_uncertainty_Hz)
+    rows = used_columns(session, axis, *columns, *values, of_cells=True)
+    cells = sorted({tuple(row[1:4]) for row in rows})
+    if cell >= len(cells):
+        raise RefusedError(404, f"the axis has {len(cells)} cells, and none of the number {cell}.")
+    frequency = {row[0]: tuple(row[4:]) for row in rows if tuple(row[1:4]) == cells[cell]}
+    runs = timed_runs(session, axis)
+    whole = _runs_with_files(session, axis)
+    stored = [run for run in runs if run.id in whole]
+    newest = stored[-_MOST_RUNS:]
+    tasks = {}
+    for run in newest:
+        with suppress(RefusedError):  # its RUN.toml is not known
+            tasks[run.id] = _response_task(session, StoredRun(axis, run, ()), folder)
+    return CellCourse(cells, runs, frequency, tasks, len(stored) - len(newest) + len(tasks))
+
+
+def _runs_with_files(session: Session, axis: Axis) -> set[int]:
+    """Numbers of the runs of an axis all of whose recordings the store can read."""
+    rows = select(RecordingRow.run_id, RawFile.sha256)
+    rows = rows.join(RunRow, RunRow.id == RecordingRow.run_id).where(RunRow.axis_id == axis.id)
+    is_stored = (RawFile.sha256 == RecordingRow.sha256) & RawFile.archived_to.is_(None)
+    found: dict[int, bool] = {}
+    for number, sha256 in session.execute(rows.outerjoin(RawFile, is_stored)):
+        found[number] = found.get(number, True) and sha256 is not None
+    return {number for number, is_whole in found.items() if is_whole}
+
+
+def _read_cells(
+    results: OnDemand, tasks: dict[int, ResponseTask], name: str
+) -> tuple[dict[int, dict[str, Any]], int]:
+    """FRF of a cell of the runs for which it is there, empty where it has none; how many are not there yet.
+
+    One of those is computed, the newest first.
+    """
+    found: dict[int, dict[str, Any]] = {}
+    waiting = 0
+    for number, task in reversed(tasks.items()):
+        try:
+            folder = results.find(task.key, task) if waiting == 0 else results.look(task.key)
+            document = _read_cell(folder, name)
+        except RefusedError as error:
+            document = None if error.status == TOO_MANY else {}
+        except InputError:
+            document = {}
+        if document is None:
+            waiting += 1
+        else:
+            found[number] = document
+    return found, waiting
+
+
+def _lines(
+    documents: Sequence[dict[str, Any]], frequencies: Iterable[tuple[float | None, float | None]]
+) -> Array:
+    """Frequencies of a map: about the natural frequency, as far as the FRFs reach."""
+    if not documents:
+        return np.zeros(0)
+    low = max(document["frequency_Hz"][0] for document in documents)
+    high = min(document["frequency_Hz"][-1] for document in documents)
+    known = [value for value, _ in frequencies if value is not None]
+    if known:
+        middle = float(np.median(known))
+        low, high = max(low, _SPAN[0] * middle), min(high, _SPAN[1] * middle)
+    return np.linspace(low, high, _MAP_LINES)
+
+
+def _decibels(document: dict[str, Any] | None, lines: Array) -> Any:
+    """Magnitude of an FRF at some frequencies, dB; None without one."""
+    if not document:
+        return None
+    magnitude = np.array(document["magnitude"], dtype=np.float64)
+    values = np.interp(lines, document["frequency_Hz"], magnitude)
+    with np.errstate(divide="ignore"):
+        return plain(20 * np.log10(values), 4)

@@ -61,7 +61,8 @@ def report(
     axis : str, optional
         Name of the axis; by default all.
     out : path-like
-        File to write, whole or not at all: HTML that loads no other file, or PDF.
+        File to write, whole or not at all: HTML that loads no other file, or PDF. A PDF of all axes has an
+        overview, and pages of the axes that need attention.
     at : datetime, optional
         Time by which a run is overdue; by default now, or that of the environment's SOURCE_DATE_EPOCH. The
         same store and time give the same file.
@@ -91,10 +92,11 @@ def report(
         axes.append(_read(store, name, at, calendar))
         progress(number + 1, len(names), short_name(name))
     axes.sort(key=urgency_of)
-    blocks = report_blocks(axes, at, fleet=axis is None)
+    is_pdf, is_fleet = path.suffix.lower() == _PDF, axis is None
+    blocks = report_blocks(axes, at, fleet=is_fleet, brief=is_fleet and is_pdf)
     title = "State of the axes" if axis is None else short_name(axis)
     pages = None
-    if path.suffix.lower() == _PDF:
+    if is_pdf:
         pages = write_pdf(path, f"{title}, {at:%Y-%m-%d %H:%M} UTC", blocks, progress)
     else:
         write_text(path, html_report(title, blocks))

@@ -355,3 +355,13 @@ def test_a_report_does_not_wait_for_its_turn(client: TestClient, service: Servic
 @pytest.mark.parametrize(("path", "status"), [("none/report.html", 404), ("bench/report.exe", 422)])
 def test_a_report_that_cannot_be_made_is_refused(client: TestClient, path: str, status: int) -> None:
     assert client.get(f"/axes/{path}").status_code == status
+
+
+def test_only_the_first_rows_of_a_long_table_are_printed_and_a_line_says_so(client: TestClient) -> None:
+    name = next(
+        row["axis"] for row in client.get("/api/v1/axes").json()["axes"] if row["axis"].startswith("axis")
+    )
+    count = len(client.get(f"/api/v1/axes/{name}/runs").json()["runs"])
+    assert count > 20
+    assert f"Printed: the first 20 of {count} rows." in page_of(client, name)
+    assert "Printed:" not in page_of(client)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import pkgutil
 import re
 from collections.abc import Iterator
 from contextlib import suppress
+from datetime import UTC, datetime
 from html import unescape
 from importlib import import_module
 from itertools import groupby
@@ -269,11 +271,16 @@ def test_a_table_is_sorted_by_its_heads_and_exported(window: Window, tmp_path: P
         names = page.locator("tbody tr th").all_inner_texts()
         assert (names[0] == "Y axis") == (order == "descending")
     with page.expect_download() as download:
-        page.get_by_role("button", name="CSV").click()
+        page.get_by_role("link", name="All axes as CSV").click()
     download.value.save_as(tmp_path / "fleet.csv")
-    lines = (tmp_path / "fleet.csv").read_text(encoding="utf-8-sig").splitlines()
-    assert len(lines) == 4
-    assert lines[1].split('","')[1] == "Y axis"
+    rows = list(csv.DictReader((tmp_path / "fleet.csv").open(encoding="utf-8")))
+    assert {row["axis"] for row in rows} == {"bench", "Y axis", HOSTILE}
+    page = window.open("/axes/bench")
+    with page.expect_download() as download:
+        page.locator("#axis-events ~ .tools button").click()
+    download.value.save_as(tmp_path / "events.csv")
+    rows = list(csv.DictReader((tmp_path / "events.csv").open(encoding="utf-8-sig")))
+    assert [datetime.fromisoformat(row["Time"]).tzinfo for row in rows] == [UTC]
 
 
 def test_the_language_is_changed_with_the_filter_and_remembered(new_window: Any) -> None:
@@ -318,6 +325,39 @@ def test_a_page_is_reloaded_while_data_arrive(window: Window, plant: Service) ->
     assert page.locator("tbody tr").count() == 3
 
 
+def test_the_map_of_frf_is_computed_when_it_is_opened_and_says_which_runs_are_blank(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raw_runs.compute_here(monkeypatch)
+    raw_runs.analyse_at_once(monkeypatch)
+    service = Service(ServedStore(create_store(tmp_path / "store").path), ServerSettings(min_free_bytes=0))
+    service.partial.mkdir()
+    service.scratch.mkdir()
+    with client_of(service) as client:
+        run = raw_runs.send_raw(client)
+        raw_runs.analyse(service, run)
+        send_result(client, 3)
+    with serving(service) as address:
+        window = Window(browser, address)
+        page = window.open("/axes/bench")
+        requests: list[str] = []
+        page.on("request", lambda request: requests.append(request.url))
+        page.locator("[data-responses] summary").press("Enter")
+        page.wait_for_selector("[data-plot=responses] canvas")
+        about = "Runs: 1 computed from their raw files; 1 blank, since their raw files are not stored"
+        assert page.locator("[data-about]").inner_text() == about
+        select = page.get_by_label("Cell", exact=True)
+        assert select.locator("option").count() == len(RUNS[0].cells)
+        with page.expect_response("**/responses?cell=5"):
+            select.select_option("5")
+        page.wait_for_load_state("networkidle")
+        assert [url.partition("?")[2] for url in requests if "/responses" in url] == ["cell=0", "cell=5"]
+        assert faults(page) == []
+        assert overflow(page) <= 0
+        window.close()
+    assert window.problems == []
+
+
 def test_signals_that_are_not_there_yet_are_asked_for_again(
     browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -358,7 +398,27 @@ def test_signals_that_are_not_there_yet_are_asked_for_again(
 
 @pytest.mark.parametrize("path", MARKED)
 def test_a_page_is_printed_without_controls(path: str, window: Window) -> None:
+    """On A4, whose margins leave 703 CSS pixels, every chart and table is whole."""
     page = window.open(path)
     page.emulate_media(media="print")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    page.set_viewport_size({"width": 703, "height": 1000})
     assert page.locator("header nav:visible, .tools:visible, .filters:visible, footer:visible").count() == 0
     assert overflow(page) <= 0
+    cut = """each => each.checkVisibility() && each.getBoundingClientRect().right > 704"""
+    boxes = "[...document.querySelectorAll('.wide')].map((each) => each.scrollHeight - each.clientHeight)"
+    assert max(page.evaluate(boxes), default=0) <= 0
+    assert (
+        page.evaluate(f"[...document.querySelectorAll('main *')].filter({cut}).map((e) => e.outerHTML)") == []
+    )
+
+
+def test_charts_are_redrawn_in_the_width_of_a_printed_page(window: Window) -> None:
+    page = window.open("/axes/bench")
+    widths = "[...document.querySelectorAll('.uplot .u-wrap')].map((each) => each.clientWidth)"
+    before = page.evaluate(widths)
+    assert min(before) > 1000
+    page.evaluate(f"addEventListener('beforeprint', () => queueMicrotask(() => (window.printed = {widths})))")
+    page.pdf(format="A4")
+    assert set(page.evaluate("printed")) == {700}
+    assert page.evaluate(widths) == before

@@ -23,6 +23,7 @@ from ballscrew._version import __version__
 from ballscrew.base.reasons import ReaderLanguage, page_template, translated
 from ballscrew.base.words import interval_words
 from ballscrew.monitoring.epochs import moment
+from ballscrew.report.blocks import short_name
 from ballscrew.report.canvas import STATE_SIGNS
 from ballscrew.service.serving import RefusedError, service_of
 
@@ -134,6 +135,7 @@ def environment_of(language: str) -> Environment:
         url=lambda text: quote(str(text), safe=""),
         findings=_FINDINGS.split,
         sentence=lambda text, part=False: page_sentence(text, language, part=part),
+        short=short_name,
     )
     environment.globals.update(version=__version__, asset=asset_url, sign=sign_of, languages=LANGUAGES)
     return environment

@@ -109,18 +109,28 @@
   // Names and hashes by which a run is stated.
   const quoted = (text) => JSON.stringify(text).replaceAll("\u007f", "\\u007f");
   const isToml = (name) => name.toLowerCase().endsWith(".toml");
-  const numberOf = (text) => (text.trim() === "" ? NaN : Number(text.trim().replace(",", ".")));
+  // Units that a person may write, as RUN.toml has them; the first is that of a bare number.
+  const MASSES = { "": "kg", kg: "kg", g: "g", t: "t", lb: "lb", lbs: "lb" };
+  const TEMPERATURES = { "": "degC", "°c": "degC", c: "degC", degc: "degC", "°f": "degF", f: "degF", degf: "degF", k: "kelvin" };
+
+  // A number with a unit as RUN.toml has it; null for another text, or where a comma or point may divide thousands.
+  function quantity(text, units) {
+    const found = /^([+-]?(?:\d+[.,]?\d*|[.,]\d+))\s*(\D*)$/.exec(text.trim());
+    if (!found || /^[+-]?[1-9]\d{0,2}[.,]\d{3}$/.test(found[1])) return null;
+    const unit = found[2].toLowerCase();
+    return Object.hasOwn(units, unit) ? `${Number(found[1].replace(",", "."))} ${units[unit]}` : null;
+  }
 
   function runToml(form, files, words) {
-    const load = numberOf(form.load.value);
-    if (!(load >= 0)) throw new Error(words.load);
+    const load = quantity(form.load.value, MASSES);
+    if (load === null || load.startsWith("-")) throw new Error(words.load);
     if (!form.measured_at.value) throw new Error(words.time);
-    const lines = ['channels = "channels.toml"', `load = "${load} kg"`];
+    const lines = ['channels = "channels.toml"', `load = "${load}"`];
     lines.push(`measured_at = ${new Date(form.measured_at.value).toISOString()}`);
     if (form.temperature.value.trim()) {
-      const temperature = numberOf(form.temperature.value);
-      if (Number.isNaN(temperature)) throw new Error(words.temperature);
-      lines.push(`temperature = "${temperature} degC"`);
+      const temperature = quantity(form.temperature.value, TEMPERATURES);
+      if (temperature === null) throw new Error(words.temperature);
+      lines.push(`temperature = "${temperature}"`);
     }
     const names = files.map((file) => file.name);
     for (const kind of ["axis", "plan"]) if (names.includes(`${kind}.toml`)) lines.push(`${kind} = "${kind}.toml"`);

@@ -60,11 +60,10 @@
 
   // A chart of columns over time in a place; ``runs`` are the ids of its points.
   function chart(place, runs, columns, options) {
-    const width = () => Math.max(place.clientWidth, 200);
     const height = Number(place.dataset.height);
     const plot = new uPlot(
       {
-        width: width(),
+        width: ballscrew.widthOf(place),
         height,
         legend: { show: false },
         padding: [8, 24, 0, 0],
@@ -105,9 +104,7 @@
       const away = Math.abs(plot.valToPos(plot.data[0][idx], "x") - left);
       if (away < (options.reach ?? NEAR)) waiting = setTimeout(() => opened(plot.runs[idx]), DOUBLE);
     });
-    new ResizeObserver(() => {
-      if (place.clientWidth && plot.width !== width()) plot.setSize({ width: width(), height });
-    }).observe(place);
+    ballscrew.fit(plot, place);
     plots.push(plot);
     return plot;
   }
@@ -510,8 +507,6 @@
     return `rgb(${parts.join(",")})`;
   }
 
-  const dark = () => matchMedia("(prefers-color-scheme: dark)").matches;
-
   function scaleOf(map) {
     const values = finite(map[map.kind].flat());
     if (map.kind === "frequency_Hz") {
@@ -520,7 +515,7 @@
     }
     const sizes = values.map((value) => Math.abs(value - 1)).sort((a, b) => a - b);
     const size = Math.max(sizes[Math.floor(0.99 * (sizes.length - 1))] ?? 0, 0.002);
-    const colours = CHANGE.map((each) => each ?? (dark() ? [52, 58, 64] : [240, 240, 240]));
+    const colours = CHANGE.map((each) => each ?? (ballscrew.isDark() ? [52, 58, 64] : [240, 240, 240]));
     const sign = (value) => `${value > 1 ? "+" : "−"}${ballscrew.number(100 * Math.abs(value - 1), 1)} %`;
     return { colours, low: 1 - size, high: 1 + size, text: sign };
   }
@@ -535,25 +530,27 @@
     return found;
   }
 
-  function drawMap(map, ctx, x, y) {
-    const { colours, low, high } = map.scale;
-    const gaps = map.time.slice(1).map((each, place) => each - map.time[place]).sort((a, b) => a - b);
-    const columns = edges(map.time, Math.max(gaps[Math.floor(gaps.length / 2)] ?? DAY, DAY / 24));
-    const rows = edges(map.position_m, Infinity).map(([a, b]) => (Number.isFinite(a) ? [a, b] : [-0.01, 0.01]));
-    columns.forEach(([begin, end], column) => {
+  // Cells of a map: a column for each time, each with values by row, whose lower and upper ends are given.
+  function drawCells(ctx, x, y, { colours, low, high }, time, rows, values) {
+    const gaps = time.slice(1).map((each, place) => each - time[place]).sort((a, b) => a - b);
+    edges(time, Math.max(gaps[Math.floor(gaps.length / 2)] ?? DAY, DAY / 24)).forEach(([begin, end], column) => {
       const [left, right] = [Math.floor(x(begin)), Math.ceil(x(end))];
       rows.forEach(([bottom, top], row) => {
-        const value = map[map.kind][column][row];
+        const value = values[column]?.[row] ?? null;
         if (value === null) return;
         ctx.fillStyle = mapped(colours, (value - low) / (high - low));
-        const [upper, lower] = [Math.floor(y(1000 * top)), Math.ceil(y(1000 * bottom))];
+        const [upper, lower] = [Math.floor(y(top)), Math.ceil(y(bottom))];
         ctx.fillRect(left, upper, Math.max(right - left, 1), lower - upper);
       });
     });
   }
 
+  function drawMap(map, ctx, x, y) {
+    const rows = edges(map.position_m, Infinity).map((ends) => (Number.isFinite(ends[0]) ? ends : [-0.01, 0.01]).map((end) => 1000 * end));
+    drawCells(ctx, x, y, map.scale, map.time, rows, map[map.kind]);
+  }
+
   function drawScale(root, map) {
-    map.scale = scaleOf(map);
     const canvas = root.querySelector(".scale canvas");
     const ctx = canvas.getContext("2d");
     for (let place = 0; place < canvas.width; place++) {
@@ -573,6 +570,7 @@
     root.hidden = !document_.position_m.length;
     if (root.hidden) return;
     const map = Object.assign(place.map ?? {}, document_, { kind: choice() });
+    map.scale = scaleOf(map);
     drawScale(root, map);
     const stops = edges(map.position_m, Infinity).flat().filter(Number.isFinite);
     const range = stops.length ? [1000 * least(stops), 1000 * most(stops)] : [1000 * map.position_m[0] - 10, 1000 * map.position_m[0] + 10];
@@ -588,11 +586,14 @@
     if (!place.map)
       root.addEventListener("change", () => {
         map.kind = choice();
-        drawScale(root, map);
-        plot.redraw();
+        root.redraw();
       });
     place.map = map;
-    root.redraw = () => (drawScale(root, map), plot.redraw());
+    root.redraw = () => {
+      map.scale = scaleOf(map);
+      drawScale(root, map);
+      plot.redraw();
+    };
     const head = root.querySelector("details thead tr");
     if (head.cells.length === 1)
       for (const position of map.position_m) {
@@ -608,6 +609,89 @@
     if (view.full) zoom(view.now);
   }
 
+  // ---- FRF by day and frequency ---------------------------------------------------------------------------
+
+  const cellName = (cell) => `${ballscrew.number(1000 * cell.position_m, 1)} mm ${cell.condition}${cell.motion ? ` (${cell.motion + 1})` : ""}`;
+
+  function offerCells(select, { cells, cell }) {
+    if (select.length === cells.length) return;
+    select.replaceChildren(...cells.map((each, number) => new Option(cellName(each), number, false, number === cell)));
+  }
+
+  function drawNaturalFrequency(map, ctx, x, y) {
+    const half = map.standard_uncertainty_Hz.map((value) => 1.96 * (value ?? 0));
+    for (const [colour, width] of [[palette.back, 4], [palette.text, 1.6]]) {
+      ctx.strokeStyle = colour;
+      ctx.lineWidth = width * ratio();
+      ctx.beginPath();
+      map.natural_frequency_Hz.forEach((value, place) => value !== null && ctx.lineTo(x(map.time[place]), y(value)));
+      ctx.stroke();
+      ctx.lineWidth = (width - 0.8) * ratio();
+      map.natural_frequency_Hz.forEach((value, place) => {
+        if (value !== null) line(ctx, x(map.time[place]), y(value - half[place]), x(map.time[place]), y(value + half[place]));
+      });
+    }
+  }
+
+  function drawResponses(root, document_) {
+    readPalette();
+    const place = root.querySelector("[data-plot=responses]");
+    const map = Object.assign((place.map ??= {}), document_);
+    offerCells(root.querySelector("select"), map);
+    const drawn = map.magnitude_dB.filter(Boolean);
+    const parts = [`${drawn.length} ${words.drawn}`, `${map.time.length - map.stored} ${words.blank}`];
+    if (map.stored > drawn.length + map.waiting + map.refused) parts.push(`${map.stored} ${words.stored}`);
+    if (map.refused) parts.push(`${map.refused} ${words.refused}`);
+    if (map.waiting) parts.push(`${map.waiting} ${words.waiting}`);
+    root.querySelector("[data-about]").textContent = `${words.runs} ${parts.join("; ")}`;
+    place.closest("figure").hidden = !drawn.length;
+    if (!drawn.length) return;
+    const levels = finite(drawn.flat()).sort((a, b) => a - b);
+    const end = (share) => levels[Math.round(share * (levels.length - 1))];
+    map.scale = { colours: SEQUENCE, low: end(0.02), high: end(0.98), text: (value) => `${ballscrew.number(value, 0)} dB` };
+    drawScale(root, map);
+    map.rows = edges(map.frequency_Hz, Infinity);
+    update(place, map.run, [map.time, map.natural_frequency_Hz], {
+      scale: { range: () => [map.rows[0][0], map.rows[map.rows.length - 1][1]] },
+      axis: { values: (each, splits) => splits.map((value) => `${ballscrew.number(value, 0)} Hz`), grid: { show: false } },
+      dates: { grid: { show: false } },
+      reach: Infinity,
+      series: [{ paths: () => null, points: { show: false } }],
+      hover: (each) => each.cursor.left >= 0 && show(each.cursor.idx),
+      behind: (each, ctx, x, y) => drawCells(ctx, x, y, map.scale, map.time, map.rows, map.magnitude_dB),
+      front: (each, ctx, x, y) => {
+        drawNaturalFrequency(map, ctx, x, y);
+        drawMarks(each, ctx, x, false);
+      },
+    });
+    zoom(view.now);
+  }
+
+  // Computed run by run while somebody looks at it.
+  async function loadResponses(root) {
+    const select = root.querySelector("select");
+    const request = (root.request = {});
+    while (root.open && root.request === request && trend) {
+      const answer = await fetch(`${root.dataset.responses}?cell=${select.value || 0}`);
+      const document_ = await answer.json();
+      if (root.request !== request) return;
+      if (!answer.ok) {
+        root.querySelector("[data-about]").textContent = document_.detail;
+        return;
+      }
+      drawResponses(root, document_);
+      if (!document_.waiting) return;
+      await new Promise((done) => setTimeout(done, 500));
+    }
+  }
+
+  function startResponses() {
+    const root = document.querySelector("[data-responses]");
+    if (!root) return;
+    root.addEventListener("toggle", () => loadResponses(root));
+    root.querySelector("select").addEventListener("change", () => loadResponses(root));
+  }
+
   // ---- changes --------------------------------------------------------------------------------------------
 
   const drawings = { "axis-trend": drawTrend, "axis-mechanics": drawMechanics, "axis-frequencies": drawFrequencies };
@@ -620,9 +704,12 @@
       const answer = await fetch(root.dataset.source);
       if (answer.ok) draw(root, await answer.json());
     }
+    const root = document.querySelector("[data-responses]");
+    if (root?.open) loadResponses(root);
   }
 
   document.addEventListener("DOMContentLoaded", () => {
+    startResponses();
     let open = [];
     document.body.addEventListener("htmx:beforeSwap", () => {
       open = [...document.querySelectorAll("#axis > section details[open] > summary")].map((each) => each.textContent);
@@ -632,7 +719,7 @@
         if (open.includes(each.textContent)) each.parentNode.open = true;
       refresh();
     });
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    ballscrew.recolours.push(() => {
       readPalette();
       document.querySelector("[data-chart=axis-frequencies]")?.redraw?.();
       for (const plot of plots) plot.redraw();

@@ -76,10 +76,17 @@ const ballscrew = (() => {
     return `"${safe.replaceAll('"', '""')}"`;
   };
 
+  // Text of a cell, with times as in its markup: in UTC by ISO 8601.
+  function plain(cell) {
+    let text = cell.innerText;
+    for (const each of cell.querySelectorAll("time")) text = text.replace(each.innerText, each.dateTime);
+    return text.trim().replace(/\s+/g, " ").replace(/−(?=\d)/g, "-");
+  }
+
   function csv(table) {
     const lines = [...table.rows]
       .filter((row) => !row.hidden)
-      .map((row) => [...row.cells].map((cell) => field(cell.innerText.trim().replace(/\s+/g, " ").replace(/−(?=\d)/g, "-"))).join(","));
+      .map((row) => [...row.cells].map((cell) => field(plain(cell))).join(","));
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob(["\ufeff" + lines.join("\r\n") + "\r\n"], { type: "text/csv" }));
     link.download = `${table.dataset.csv}.csv`;
@@ -178,6 +185,34 @@ const ballscrew = (() => {
     }
   }
 
+  // A plot is as wide as its place, and in print as A4 between its margins.
+  const PAPER = 700; // CSS pixels
+  const scheme = matchMedia("(prefers-color-scheme: dark)");
+  const fits = [];
+  const recolours = []; // of scripts of pages, called when the colours have changed
+  let isPrinting = false;
+
+  const isDark = () => scheme.matches && !isPrinting;
+  const recolour = () => recolours.forEach((each) => each());
+
+  const widthOf = (place) => (isPrinting ? PAPER : Math.max(place.clientWidth, 200));
+
+  function fit(plot, place) {
+    const resize = () => {
+      const width = widthOf(place);
+      if (place.clientWidth && plot.width !== width) plot.setSize({ width, height: plot.height });
+    };
+    new ResizeObserver(resize).observe(place);
+    fits.push(resize);
+  }
+
+  function print(begins) {
+    isPrinting = begins;
+    document.documentElement.classList.toggle("paper", begins);
+    recolour();
+    for (const resize of fits) resize();
+  }
+
   async function drawChart(place) {
     const { chart, source } = place.dataset;
     const note = document.createElement("p");
@@ -226,11 +261,14 @@ const ballscrew = (() => {
     startFilter();
     prepare(document);
     watchChanges();
+    scheme.addEventListener("change", recolour);
+    window.addEventListener("beforeprint", () => print(true));
+    window.addEventListener("afterprint", () => print(false));
     document.addEventListener("click", switchLanguage);
     document.body.addEventListener("htmx:afterSwap", (event) => prepare(event.target));
   }
 
   // Scripts of pages, which are deferred too, add their charts before this runs.
   document.addEventListener("DOMContentLoaded", start);
-  return { charts, colour, number, clock, language, sortable, fetched };
+  return { charts, colour, number, clock, language, sortable, fetched, widthOf, fit, isDark, recolours };
 })();

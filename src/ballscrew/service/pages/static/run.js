@@ -2,7 +2,6 @@
 "use strict";
 
 (() => {
-  const dark = matchMedia("(prefers-color-scheme: dark)");
   const FONT = "13px system-ui, sans-serif";
   const wordsOf = (place) => JSON.parse(place.dataset.words);
   const soft = () => ballscrew.colour("soft");
@@ -26,9 +25,9 @@
 
   // A plot as wide as its place, in the colours of the page.
   function plot(place, height, options, data) {
-    const chart = new uPlot({ width: Math.max(place.clientWidth, 200), height, ...options }, data, place);
-    new ResizeObserver(() => chart.setSize({ width: Math.max(place.clientWidth, 200), height })).observe(place);
-    dark.addEventListener("change", () => chart.redraw());
+    const chart = new uPlot({ width: ballscrew.widthOf(place), height, ...options }, data, place);
+    ballscrew.fit(chart, place);
+    ballscrew.recolours.push(() => chart.redraw());
     return chart;
   }
 
@@ -67,7 +66,7 @@
     const ratio = devicePixelRatio;
     ctx.save();
     ctx.lineWidth = 1.4 * ratio;
-    ctx.globalAlpha = pale ? (dark.matches ? 0.6 : 0.4) : 1;
+    ctx.globalAlpha = pale ? (ballscrew.isDark() ? 0.6 : 0.4) : 1;
     for (const point of listed) {
       const x = chart.valToPos(point.x, "x", true);
       ctx.strokeStyle = ctx.fillStyle = colours[point.condition];
@@ -356,9 +355,9 @@
     if (!tables.some((table) => table[0].length)) return message(place, words.nothing);
     const colours = [() => ballscrew.colour("accent"), () => ballscrew.colour("watch")];
     const series = both.flatMap(({ axis: name }, n) => [
-      { label: name, stroke: colours[n], width: 2, value: shown, spanGaps: true, dash: n ? [6, 4] : undefined },
-      { label: `${name} −`, stroke: colours[n], width: 0, points: { show: false }, value: shown, spanGaps: true },
-      { label: `${name} +`, stroke: colours[n], width: 0, points: { show: false }, value: shown, spanGaps: true },
+      { label: name.slice(0, 60), stroke: colours[n], width: 2, value: shown, spanGaps: true, dash: n ? [6, 4] : undefined },
+      { label: "−", stroke: colours[n], width: 0, points: { show: false }, value: shown, spanGaps: true },
+      { label: "+", stroke: colours[n], width: 0, points: { show: false }, value: shown, spanGaps: true },
     ]);
     plot(add(place, "panel"), 380, {
       axes: [axis(words.day), axis(words.preload, { size: 64, values: numbers(0) })],
