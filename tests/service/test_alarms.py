@@ -112,6 +112,9 @@ def test_a_refused_assessment_is_a_trouble_until_the_axis_is_assessed(
     files = (replace(RUNS[0].files[0], name="a.h5", sha256="ab" * 32),)
     for number, name in enumerate(("one", "copy")):
         add_run(service.store, replace(RUNS[number], id=name, files=files))
+        exclude(service.store, name, reason="not yet")
+    for name in ("one", "copy"):
+        exclude(service.store, name, undo=True)
     for number in (2, 3):
         send_result(client, number)  # a good run does not end the trouble
         assess(service)
