@@ -21,7 +21,7 @@ from ballscrew.service.serving import Service
 from ballscrew.service.working import finish
 from ballscrew.store.adding import add_run
 from ballscrew.store.changing import exclude
-from ballscrew.store.tables import Axis, Message, Setup, Trouble
+from ballscrew.store.tables import Audit, Axis, Message, Setup, Trouble
 
 
 def assess(service: Service) -> None:
@@ -306,6 +306,23 @@ def test_one_preview_is_computed_at_a_time(client: TestClient, service: Service)
     assert (answer.status_code, answer.headers["Retry-After"]) == (503, "10")
     assert client.post(url, json=[{"at": "soon", "kind": "note"}]).status_code == 422
     assert [client.post(url, json=event).status_code for _ in range(2)] == [200, 200]
+
+
+def test_the_same_action_of_the_same_person_counts_once(client: TestClient, service: Service) -> None:
+    send_result(client, 0, quality=BAD)
+    (alarm,) = alarms(client)
+    tomorrow = (datetime.now(UTC) + timedelta(days=1)).isoformat()
+    given: list[tuple[str, dict[str, str]]] = [
+        ("reopen", {}), ("acknowledge", {}), ("acknowledge", {}), ("acknowledge", {"text": "on Monday"}),
+        ("shelve", {"until": tomorrow}), ("shelve", {"until": tomorrow}), ("close", {"text": "loose"}),
+        ("close", {"text": "loose"}), ("reopen", {}), ("reopen", {}), ("acknowledge", {}),
+    ]  # fmt: skip
+    answers = [act(client, alarm["id"], action, **others).json() for action, others in given]
+    assert answers[1] == answers[2]
+    assert [len(answer["actions"]) for answer in answers] == [0, 1, 1, 2, 3, 3, 4, 4, 5, 5, 6]
+    with service.store.read() as session:
+        written = session.scalars(select(Audit).where(Audit.subject == alarm["id"])).all()
+    assert len(written) == 6
 
 
 def test_a_weekend_is_no_silence(new_service: NewService) -> None:

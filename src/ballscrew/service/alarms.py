@@ -59,11 +59,14 @@ def list_alarms(caller: AdminCaller, service: RunningService) -> dict[str, Any]:
 
 @router.post("/{alarm}")
 def act(alarm: str, action: Action, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
-    """Acknowledge, shelve, close with a finding, or reopen an alarm."""
+    """Acknowledge, shelve, close with a finding, or reopen an alarm; the same again changes nothing."""
     _check(action)
     with service.store.write("alarm") as session:
         kind, row = _find_alarm(session, alarm)
-        if alarm_document(session, row)["state"] == "closed" and action.action in ("acknowledge", "shelve"):
+        document = alarm_document(session, row)
+        if _is_repeated(document, action, caller.name):
+            return {"schema": SCHEMA, **document}
+        if document["state"] == "closed" and action.action in ("acknowledge", "shelve"):
             raise RefusedError(409, f"{alarm} was closed already; reopen it first.")
         taken = AlarmAction(
             action=_ACTIONS[action.action], until=action.until, text=action.text, actor=caller.name, at=now()
@@ -75,6 +78,13 @@ def act(alarm: str, action: Action, caller: AdminCaller, service: RunningService
         document = alarm_document(session, row)
     service.announce()
     return {"schema": SCHEMA, **document}
+
+
+def _is_repeated(document: dict[str, Any], action: Action, by: str) -> bool:
+    """Whether an alarm is in the state after an action, by the same action of the same person."""
+    done, newest = _ACTIONS[action.action], document["actions"][-1:]
+    same = {"action": done, "by": by, "until": action.until, "text": action.text}
+    return document["state"] == done and all(same.items() <= each.items() for each in newest)
 
 
 def _check(action: Action) -> None:
