@@ -10,7 +10,16 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 from tests.estimation.made_runs import calibrated
-from tests.service.conftest import SETUP, NewService, client_of, events_of, send, send_result, work_off
+from tests.service.conftest import (
+    RUN_TOML,
+    SETUP,
+    NewService,
+    client_of,
+    events_of,
+    send,
+    send_result,
+    work_off,
+)
 from tests.store.stored import MODEL, RUNS
 
 from ballscrew.base.jsonfile import SCHEMA
@@ -283,6 +292,80 @@ def test_a_refused_run_is_a_trouble_from_the_time_that_it_states(
     send(client)  # measured before
     work_off(service, lambda _: ("refused", "a.h5: has no channel 'a'."))
     assert alarms(client) == []
+
+
+def send_no_recording(client: TestClient, service: Service, key: str = "r1") -> None:
+    """Send files that are no recordings and state no time."""
+    untimed = "".join(line for line in RUN_TOML.splitlines(keepends=True) if "measured_at" not in line)
+    files = {"a.h5": f"{key}, a letter".encode(), "b.h5": f"{key}, another".encode()}
+    send(client, f"/api/v1/axes/bench/runs/{key}", files, run_toml=untimed)
+    work_off(service, lambda _: ("refused", "a.h5: is no recording."))
+
+
+def test_files_that_are_no_recording_are_a_trouble_until_the_next_newest_good_run(
+    client: TestClient, service: Service
+) -> None:
+    """They were measured before their receipt, as every run that comes later was too."""
+    send_result(client, 2)
+    send_no_recording(client, service)
+    assert [alarm["state"] for alarm in alarms(client)] == ["raised"]
+    send_result(client, 1)  # older than the newest one
+    send_result(client, 3, quality=BAD)
+    assert [alarm["state"] for alarm in alarms(client)] == ["raised"]
+    send_result(client, 4)
+    assert [alarm["state"] for alarm in alarms(client)] == ["ended"]
+    assert act(client, alarms(client)[0]["id"], "close", text="a letter").status_code == 200
+
+
+def test_a_closed_trouble_is_no_longer_on_the_lamp_and_the_next_bad_run_raises_another(
+    client: TestClient, service: Service
+) -> None:
+    now = datetime.now(UTC)
+    times = [(now - timedelta(days=10 - day)).isoformat(timespec="seconds") for day in range(10)]
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    for number in range(5):
+        send_result(client, number, measured_at=times[number])
+    assess(service)
+    send_no_recording(client, service)
+    (axis,) = client.get("/api/v1/axes").json()["axes"]
+    assert [each["kind"] for each in axis["measurement"]["troubles"]] == ["measurement"]
+    act(client, alarms(client)[0]["id"], "close", text="a letter")
+    (axis,) = client.get("/api/v1/axes").json()["axes"]
+    assert axis["measurement"] == {"troubles": [], "recent": True, "because": None}
+    assert 'class="lamp sound"' in client.get("/").text
+    send_result(client, 5, measured_at=times[5], quality=BAD)  # before the letter
+    assert [alarm["state"] for alarm in alarms(client)] == ["closed"]
+    send_no_recording(client, service, "r2")
+    assert sorted(alarm["state"] for alarm in alarms(client)) == ["ended", "raised"]
+
+
+def test_the_measurement_of_a_bad_newest_run_is_bad_also_after_its_trouble_was_closed(
+    client: TestClient, service: Service
+) -> None:
+    now = datetime.now(UTC)
+    times = [(now - timedelta(days=10 - day)).isoformat(timespec="seconds") for day in range(10)]
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    for number in range(5):
+        send_result(client, number, measured_at=times[number], **({"quality": BAD} if number == 4 else {}))
+    assess(service)
+    act(client, alarms(client)[0]["id"], "close", text="the sensor was loose")
+    (axis,) = client.get("/api/v1/axes").json()["axes"]
+    assert axis["measurement"] == {"troubles": [], "recent": True, "because": "bad"}
+    for page in (client.get("/").text, client.get("/axes/bench").text):
+        assert 'class="lamp sound"' not in page
+        assert "▲</span> bad measurement" in page
+    send_result(client, 5, measured_at=times[5], quality=BAD)
+    assert sorted(alarm["state"] for alarm in alarms(client)) == ["ended", "raised"]
+
+
+def test_files_that_are_no_recording_do_not_hide_silence(client: TestClient, service: Service) -> None:
+    client.put("/api/v1/axes/bench", json=SETUP | {"schedule": {"period_s": 3600}})
+    before = (datetime.now(UTC) - timedelta(hours=2)).isoformat()
+    with service.store.write("test") as session:
+        session.scalars(select(Setup)).one().set_up_at = before
+    send_no_recording(client, service)
+    watch_for_silence(service)
+    assert {alarm["kind"] for alarm in alarms(client)} == {"measurement", "silence"}
 
 
 def test_a_preview_of_a_reset_stores_nothing(client: TestClient) -> None:

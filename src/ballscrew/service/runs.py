@@ -364,7 +364,7 @@ def store_result(
     if doubt is None:
         report_bad_measurement(session, axis, run.measured_at or rows[0].received_at, reasons)
     elif reasons:
-        report_bad_measurement(session, axis, rows[0].received_at, reasons)
+        report_bad_measurement(session, axis, rows[0].received_at, reasons, is_dated=False)
     request_assessment(session, axis)
 
 

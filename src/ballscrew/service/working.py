@@ -358,7 +358,8 @@ def _finish_analysis(session: Session, lease: Lease, outcome: str, value: Any) -
         at = rows[0].stated.get("measured_at")
         if doubts_of(session, rows[:1]) != [None]:
             at = None
-        report_bad_measurement(session, axis, at or rows[0].received_at, [str(value)])
+        time = at or rows[0].received_at
+        report_bad_measurement(session, axis, time, [str(value)], is_dated=at is not None)
         return
     document, readers = value
     run = Run.from_json(document, "the run")

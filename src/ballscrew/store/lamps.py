@@ -11,7 +11,8 @@ from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
 from ballscrew.monitoring.epochs import BEGINS, moment
-from ballscrew.store.tables import Axis, EventRow, Exclusion, Explanation, Setup, Trouble
+from ballscrew.store.alarms import standing_alarms
+from ballscrew.store.tables import Axis, EventRow, Exclusion, Explanation, Setup, StateRow
 
 URGENCY = {
     "alarm": 0, "unloaded": 0, "watch": 1, "suspect": 2, "unknown": 3, "not assessed": 4, "learning": 5,
@@ -67,7 +68,8 @@ def add_lamps(
 ) -> None:
     """Add ``lamp``, ``measurement`` and ``due_at`` to documents of axes.
 
-    ``measurement`` has the troubles that stand, and whether the newest run is ``recent``, else ``because``.
+    ``measurement`` has the troubles that stand, whether the newest run is ``recent``, and ``because``: why it
+    is not, or ``"bad"`` where it gives no number, also after its trouble was closed.
 
     Parameters
     ----------
@@ -82,10 +84,12 @@ def add_lamps(
     """
     numbers, unassessed = _axes(session)
     setups = {row.axis_id: row for row in session.scalars(select(Setup))}
-    troubles: dict[int, list[dict[str, Any]]] = {}
-    for row in session.scalars(select(Trouble).where(Trouble.ended_at.is_(None)).order_by(Trouble.id)):
-        trouble = {"id": f"trouble-{row.id}", "kind": row.kind, "text": row.text, "began_at": row.began_at}
-        troubles.setdefault(row.axis_id, []).append(trouble)
+    troubles: dict[str, list[dict[str, Any]]] = {}
+    for each in reversed(standing_alarms(session)):
+        if each["kind"] != "axis":
+            trouble = {name: each[name] for name in ("id", "kind", "text", "began_at")}
+            troubles.setdefault(each["axis"], []).append(trouble)
+    refused = _refused(session)
     resets = _newest_resets(session)
     for document in documents:
         number = numbers[document["axis"]]
@@ -94,10 +98,12 @@ def add_lamps(
         document["due_at"] = None if is_future else due_at(setup, document["newest_at"], calendar)
         because = "future" if is_future else _why_not_recent(document, setup, at, calendar)
         document["measurement"] = {
-            "troubles": troubles.get(number, []),
+            "troubles": troubles.get(document["axis"], []),
             "recent": because is None,
             "because": because,
         }
+        if because is None and number in refused:
+            document["measurement"]["because"] = "bad"
         if because is None and number in unassessed:
             because = "set aside"
         if _is_reset(document["newest_at"], resets.get(number), at):
@@ -115,6 +121,13 @@ def _axes(session: Session) -> tuple[dict[str, int], set[int]]:
         if state == "suspect":
             unassessed.add(number)
     return numbers, unassessed
+
+
+def _refused(session: Session) -> set[int]:
+    """Numbers of the axes whose newest run gives no number."""
+    of_axis = select(StateRow.verdict).where(StateRow.axis_id == Axis.id)
+    newest = of_axis.order_by(StateRow.time.desc(), StateRow.run_id.desc()).limit(1).scalar_subquery()
+    return set(session.scalars(select(Axis.id).where(newest == "refused")))
 
 
 def _newest_resets(session: Session) -> dict[int, float]:
