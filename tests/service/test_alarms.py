@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -10,25 +11,31 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 from tests.estimation.made_runs import calibrated
+from tests.monitoring.histories import history
 from tests.service.conftest import (
     RUN_TOML,
     SETUP,
     NewService,
     client_of,
     events_of,
+    put,
     send,
     send_result,
+    sha256,
     work_off,
 )
 from tests.store.stored import MODEL, RUNS
 
-from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.calibration.modelfile import model_json
+from ballscrew.modal.run import Run
+from ballscrew.report.monitor_words import NOTHING_TO_DO
 from ballscrew.service.alarms import watch_for_silence
 from ballscrew.service.jobs import lease_job
 from ballscrew.service.serving import Service
 from ballscrew.service.working import finish
 from ballscrew.store.adding import add_run
+from ballscrew.store.assessing import monitor_axis
 from ballscrew.store.changing import exclude
 from ballscrew.store.tables import Audit, Axis, Message, Setup, Trouble
 
@@ -292,6 +299,68 @@ def test_a_refused_run_is_a_trouble_from_the_time_that_it_states(
     send(client)  # measured before
     work_off(service, lambda _: ("refused", "a.h5: has no channel 'a'."))
     assert alarms(client) == []
+
+
+CHANGED = history([3.0 * day for day in range(16)], lambda day: 0.7 if 15 <= day < 21 else 1.0)
+"""Runs of an axis of which two alone are soft: the monitor's state is normal again after calm ones."""
+
+
+def send_runs(client: TestClient, service: Service, runs: Sequence[Run]) -> None:
+    for run in runs:
+        content = write_json(run.to_json()).encode()
+        url = f"/api/v1/axes/bench/runs/{run.id}"
+        put(client, content, url)
+        answer = client.post(f"{url}/complete", json={"files": [], "run_json": sha256(content)})
+        assert answer.status_code == 202
+    assess(service)
+
+
+def test_an_alarm_is_over_once_a_later_run_of_its_epoch_is_normal(
+    client: TestClient, service: Service
+) -> None:
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    send_runs(client, service, CHANGED[:10])
+    assert [(each["state"], each["ended_at"]) for each in alarms(client)] == [("raised", None)]
+    send_runs(client, service, CHANGED[10:])
+    (alarm,) = alarms(client)
+    state = client.get("/api/v1/axes/bench").json()
+    normal = [run["measured_at"] for run in state["runs"][8:] if run["state"] == "normal"]
+    assert (state["state"], alarm["state"], alarm["ended_at"]) == ("normal", "ended", normal[0])
+    assert state["explanation"]["actions"] == [NOTHING_TO_DO]
+    assert state["alarms"][0]["over_at"] == normal[0]
+    assert client.get("/api/v1/axes/bench/trend").json()["alarms"][0]["ended_at"] == normal[0]
+    assert messages(service) == [("alarm-1/1", "raised"), ("alarm-1/2", "ended")]
+    assert "standing alarm" not in client.get("/").text
+
+
+def test_an_alarm_of_old_runs_that_come_late_does_not_stand_and_needs_no_message(
+    client: TestClient, service: Service
+) -> None:
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    send_runs(client, service, [*CHANGED[:5], *CHANGED[7:]])
+    assert alarms(client) == []
+    send_runs(client, service, CHANGED[5:7])
+    assert [each["state"] for each in alarms(client)] == ["ended"]
+    assert messages(service) == []
+
+
+def test_an_alarm_of_an_epoch_before_is_to_be_closed(client: TestClient, service: Service) -> None:
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    send_runs(client, service, CHANGED[:8])
+    event = [{"at": CHANGED[7].measured_at, "kind": "nut replaced"}]
+    assert client.post("/api/v1/axes/bench/events", json=event).status_code == 200
+    send_runs(client, service, CHANGED[8:13])
+    (alarm,) = alarms(client)
+    sentence = f"Close the alarm of {alarm['began_at'][:10]} with what was found: it still stands."
+    found = client.get("/api/v1/axes/bench").json()
+    assert (alarm["state"], found["state"]) == ("raised", "normal")
+    assert found["explanation"]["actions"] == [sentence]
+    for text in (client.get("/axes/bench").text, client.get("/axes/bench/report.html").text):
+        assert sentence in text
+        assert NOTHING_TO_DO not in text
+    assert sentence in monitor_axis(service.store, "bench").notes
+    act(client, alarm["id"], "close", text="the nut was worn")
+    assert client.get("/api/v1/axes/bench").json()["explanation"]["actions"] == [NOTHING_TO_DO]
 
 
 def send_no_recording(client: TestClient, service: Service, key: str = "r1") -> None:

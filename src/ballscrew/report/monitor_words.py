@@ -8,6 +8,9 @@ from ballscrew.estimation.causes import UNDECIDED
 from ballscrew.monitoring.state import LEAST_GOOD, HealthState, RunState
 from ballscrew.prognosis.monitor import Monitored
 
+NOTHING_TO_DO = "Nothing to do: run the test again as planned."
+"""Advice where the newest run is normal."""
+
 _SURE = 0.8  # probability from which on one cause is named alone
 _GONE = 0.5  # probability of stage II from which on the preload counts as gone
 _UNDECIDED = (
@@ -133,7 +136,7 @@ def _learning(state: HealthState) -> tuple[str, ...]:
 
 
 def _normal(_: HealthState) -> tuple[str, ...]:
-    return ("Nothing to do: run the test again as planned.",)
+    return (NOTHING_TO_DO,)
 
 
 def _watch(state: HealthState) -> tuple[str, ...]:

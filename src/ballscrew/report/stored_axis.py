@@ -249,6 +249,8 @@ def _actions(axis: StoredAxis) -> list[str]:
         found.append("Run the test: a new baseline begins with the next run.")
     if axis.explained and not is_reset and axis.document["lamp"]["because"] not in _OLD:
         found += axis.explained["actions"]
+    else:
+        found += axis.explained.get("to_close", [])
     return [*found, axis.why] if axis.why else found
 
 

@@ -19,7 +19,7 @@ from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.counting import doubted_runs, doubts_of
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.settings import ServerSettings
-from ballscrew.store.alarms import alarm_document, alarm_documents
+from ballscrew.store.alarms import alarm_document, alarm_documents, alarm_over_at
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
 from ballscrew.store.tables import (
@@ -113,7 +113,9 @@ def _find_alarm(session: Session, name: str) -> tuple[str, AlarmRow | Trouble]:
 
 
 def write_messages(session: Session, axis: Axis) -> None:
-    """Add a message for each alarm of an axis that was raised or retracted since its last message.
+    """Add a message for each alarm of an axis that was raised, retracted or over since its last message.
+
+    One of the past that was over when it was raised needs none.
 
     Parameters
     ----------
@@ -124,7 +126,11 @@ def write_messages(session: Session, axis: Axis) -> None:
     """
     session.flush()
     for alarm in session.scalars(select(AlarmRow).where(AlarmRow.axis_id == axis.id).order_by(AlarmRow.id)):
-        kind = "raised" if alarm.retracted_at is None else "retracted"
+        kind = "raised"
+        if alarm.retracted_at is not None:
+            kind = "retracted"
+        elif alarm_over_at(session, alarm) is not None:
+            kind = "ended"
         _add_message(session, axis, f"alarm-{alarm.id}", kind, {"began_at": alarm.began_at})
 
 
@@ -132,7 +138,7 @@ def _add_message(session: Session, axis: Axis, subject: str, kind: str, detail: 
     """Add a message, unless the last one about its subject was of the same kind."""
     about = Message.key.startswith(f"{subject}/")
     last = session.scalar(select(Message).where(about).order_by(Message.id.desc()).limit(1))
-    if last is not None and last.kind == kind:
+    if kind == (last.kind if last is not None else "ended"):
         return
     number = int(session.scalar(select(func.count()).where(about)) or 0) + 1
     document = {"subject": subject, "axis": axis.name, **detail}

@@ -9,7 +9,8 @@ from sqlalchemy.orm import Session
 
 from ballscrew.base.jsonfile import plain
 from ballscrew.prognosis.monitor import Monitored
-from ballscrew.report.monitor_words import advice, headline, lamp
+from ballscrew.report.monitor_words import NOTHING_TO_DO, advice, headline, lamp
+from ballscrew.store.alarms import to_close
 from ballscrew.store.tables import Axis, Explanation, unpack
 
 _BY_RUN = ("runs", "epochs", "made", "schema")  # stored as rows
@@ -55,9 +56,17 @@ def explanation(monitored: Monitored) -> dict[str, Any]:
 
 
 def find_explanation(session: Session, axis: Axis) -> dict[str, Any] | None:
-    """Explanation of the newest assessment of an axis; None where its history has changed since."""
+    """Explanation of the newest assessment of an axis; None where its history has changed since.
+
+    ``to_close``, which ``actions`` contain, is what to do with alarms that stand though the assessment asks
+    for nothing.
+    """
     row = session.scalar(select(Explanation).where(Explanation.axis_id == axis.id))
     if row is None or row.assessment_id != axis.assessment_id or axis.changed_at is not None:
         return None
     found: dict[str, Any] = unpack(row.document)
+    found["to_close"] = to_close(session, axis, found["lamp"])
+    if found["to_close"]:
+        others = (each for each in found["actions"] if each != NOTHING_TO_DO)
+        found["actions"] = [*found["to_close"], *others]
     return found
