@@ -12,7 +12,18 @@ from sqlalchemy.orm import Session
 
 from ballscrew.monitoring.epochs import BEGINS, moment
 from ballscrew.store.alarms import standing_alarms
-from ballscrew.store.tables import Axis, EventRow, Exclusion, Explanation, Setup, StateRow
+from ballscrew.store.tables import (
+    Axis,
+    EventRow,
+    Exclusion,
+    Explanation,
+    JobRow,
+    ResultRow,
+    RunRow,
+    Setup,
+    StateRow,
+    Upload,
+)
 
 URGENCY = {
     "alarm": 0, "unloaded": 0, "watch": 1, "suspect": 2, "unknown": 3, "not assessed": 4, "learning": 5,
@@ -24,6 +35,7 @@ CLOCK_TOLERANCE = 300.0
 """Time by which a run may be measured after its receipt, s: clocks differ."""
 
 _REMAINING = ("alarm", "unloaded", "watch", "suspect", "not assessed", "unknown")
+_MOST_PARAMETERS = 500  # of a statement
 _STALE = timedelta(days=31)  # age of the newest run beyond which an axis without a schedule is unknown
 
 
@@ -66,17 +78,19 @@ EVERY_DAY = RunCalendar()
 def add_lamps(
     session: Session, documents: Sequence[dict[str, Any]], at: datetime, calendar: RunCalendar = EVERY_DAY
 ) -> None:
-    """Add ``lamp``, ``measurement`` and ``due_at`` to documents of axes.
+    """Add ``lamp``, ``measurement``, ``due_at`` and ``waiting`` to documents of axes.
 
-    ``measurement`` has the troubles that stand, whether the newest run is ``recent``, and ``because``: why it
-    is not, or ``"bad"`` where it gives no number, also after its trouble was closed.
+    ``lamp`` is the state by the assessed runs, also while further ones wait. ``measurement`` has the troubles
+    that stand, whether the newest run is ``recent``, and ``because``: why it is not, or ``"bad"`` where it
+    gives no number, also after its trouble was closed. ``waiting`` is the number of runs that wait for their
+    analysis or assessment, None where nothing waits.
 
     Parameters
     ----------
     session : Session
         Reading.
     documents : sequence of dict
-        Of axes, with their names, states and ``newest_at``.
+        Of axes, as :func:`ballscrew.store.reading.assessment_document` has them, with their names.
     at : datetime
         The present time.
     calendar : RunCalendar
@@ -89,26 +103,27 @@ def add_lamps(
         if each["kind"] != "axis":
             trouble = {name: each[name] for name in ("id", "kind", "text", "began_at")}
             troubles.setdefault(each["axis"], []).append(trouble)
-    refused = _refused(session)
-    resets = _newest_resets(session)
+    bad = _bad_runs(session, [document["newest_run"] for document in documents])
+    resets, waiting = _newest_resets(session), _waiting(session, documents)
     for document in documents:
-        number = numbers[document["axis"]]
+        name, newest, until = document["axis"], document["newest_at"], document["assessed_until"]
+        number, state = numbers[name], document["state"]
         setup = setups.get(number)
-        is_future = _is_future(document["newest_at"], at)
-        document["due_at"] = None if is_future else due_at(setup, document["newest_at"], calendar)
-        because = "future" if is_future else _why_not_recent(document, setup, at, calendar)
-        document["measurement"] = {
-            "troubles": troubles.get(document["axis"], []),
-            "recent": because is None,
-            "because": because,
-        }
-        if because is None and number in refused:
-            document["measurement"]["because"] = "bad"
+        because = _why_not_recent(newest, setup, at, calendar)
+        document["due_at"] = None if because == "future" else due_at(setup, newest, calendar)
+        recent = because is None
+        if recent and document["newest_run"] in bad:
+            because = "bad"
+        document["measurement"] = {"troubles": troubles.get(name, []), "recent": recent, "because": because}
+        document["waiting"] = waiting.get(name)
+        if document["waiting"] is not None and document["changed_at"] is not None:
+            state = document["last_state"] or state
+        because = _why_not_recent(until, setup, at, calendar)
         if because is None and number in unassessed:
             because = "set aside"
-        if _is_reset(document["newest_at"], resets.get(number), at):
+        if _is_reset(until, resets.get(number), at):
             because = "reset"
-        document["lamp"] = _lamp(document["state"], because)
+        document["lamp"] = _lamp(state, because)
 
 
 def _axes(session: Session) -> tuple[dict[str, int], set[int]]:
@@ -123,11 +138,38 @@ def _axes(session: Session) -> tuple[dict[str, int], set[int]]:
     return numbers, unassessed
 
 
-def _refused(session: Session) -> set[int]:
-    """Numbers of the axes whose newest run gives no number."""
-    of_axis = select(StateRow.verdict).where(StateRow.axis_id == Axis.id)
-    newest = of_axis.order_by(StateRow.time.desc(), StateRow.run_id.desc()).limit(1).scalar_subquery()
-    return set(session.scalars(select(Axis.id).where(newest == "refused")))
+def _bad_runs(session: Session, runs: Sequence[str | None]) -> set[str]:
+    """Those runs that give no number: by the newest result, or by the assessment."""
+    found: set[str] = set()
+    known = [run for run in runs if run is not None]
+    for start in range(0, len(known), _MOST_PARAMETERS):
+        batch = RunRow.run.in_(known[start : start + _MOST_PARAMETERS])
+        results = select(RunRow.run, ResultRow.verdict).join(ResultRow, ResultRow.run_id == RunRow.id)
+        for run, verdict in session.execute(results.where(batch).order_by(ResultRow.id)):
+            found.discard(run)  # by an earlier result
+            if verdict == "bad":
+                found.add(run)
+        refused = select(RunRow.run).join(StateRow, StateRow.run_id == RunRow.id)
+        found.update(session.scalars(refused.where(batch, StateRow.verdict == "refused")))
+    return found
+
+
+def _waiting(session: Session, documents: Sequence[dict[str, Any]]) -> dict[str, int]:
+    """Number of runs that wait for their analysis or assessment, by the name of an axis with jobs."""
+    jobs = select(JobRow.kind, JobRow.argument).where(JobRow.set_aside.is_(False))
+    assess = {argument for kind, argument in session.execute(jobs) if kind == "assess"}
+    found = dict.fromkeys(assess, 0)
+    for document in documents:
+        if document["axis"] in assess:
+            since = (Axis.name == document["axis"], RunRow.received_at > (document["assessed_at"] or ""))
+            runs = select(func.count()).select_from(RunRow).join(Axis, Axis.id == RunRow.axis_id)
+            found[document["axis"]] = int(session.scalar(runs.where(*since)) or 0)
+    sent = select(Axis.name, func.count(Upload.content.distinct())).join(Upload, Upload.axis_id == Axis.id)
+    sent = sent.join(JobRow, JobRow.argument == Upload.content).group_by(Axis.name)
+    sent = sent.where(JobRow.kind == "analyse", JobRow.set_aside.is_(False), Upload.status == "queued")
+    for name, number in session.execute(sent):
+        found[name] = found.get(name, 0) + number
+    return found
 
 
 def _newest_resets(session: Session) -> dict[int, float]:
@@ -162,16 +204,18 @@ def _is_future(newest: str | None, at: datetime) -> bool:
 
 
 def _why_not_recent(
-    document: dict[str, Any], setup: Setup | None, at: datetime, calendar: RunCalendar
+    newest: str | None, setup: Setup | None, at: datetime, calendar: RunCalendar
 ) -> str | None:
     """Why the newest run of an axis does not show its present state; None where it does."""
-    if document["newest_at"] is None:
+    if newest is None:
         return "no run"
-    if document["due_at"] is not None:
-        grace = timedelta(seconds=(setup.grace_s or 0.0) if setup is not None else 0.0)
-        limit, because = calendar.after(moment(document["due_at"], "due_at"), grace), "overdue"
+    if _is_future(newest, at):
+        return "future"
+    due, because = due_at(setup, newest, calendar), "overdue"
+    if due is not None and setup is not None:
+        limit = calendar.after(moment(due, "due_at"), timedelta(seconds=setup.grace_s or 0.0))
     else:
-        limit, because = moment(document["newest_at"], "newest_at") + _STALE, "old"
+        limit, because = moment(newest, "newest_at") + _STALE, "old"
     return because if at > limit else None
 
 

@@ -22,6 +22,7 @@ from ballscrew.store.reading import (
     find_axis,
     find_method,
     find_run,
+    newest_runs,
     run_rows,
     run_versions,
     shared_recordings,
@@ -94,7 +95,7 @@ def axis_document(session: Session, axis: Axis) -> dict[str, Any]:
         "schema": SCHEMA,
         "axis": axis.name,
         "method": None if method is None else {"name": method.name, "revision": method.revision},
-        **assessment_document(assessment, axis.changed_at),
+        **assessment_document(assessment, axis.changed_at, newest_runs(session, axis).get(axis.id)),
         "runs": _runs_document(session, axis, trend(session, axis)),
         "alarms": [
             _named(row, "epoch", "began_at", "raised_at", "retracted_at")
