@@ -330,7 +330,8 @@ def test_a_run_whose_time_is_doubtful_neither_hides_silence_nor_ends_a_trouble(
         run = f"/api/v1/axes/bench/runs/{doubtful}"
         send_result(client, 1 if doubtful else 2, measured_at=time)
         watch_for_silence(service)
-        answer = send(client, run, run_toml=text).json()  # which waits for its analysis
+        files = {name: f"{time} {name}".encode() for name in FILES}
+        answer = send(client, run, files, run_toml=text).json()  # which waits for its analysis
         assert (answer["doubt"] is not None) == doubtful
         watch_for_silence(service)
         troubles = client.get("/api/v1/alarms").json()["alarms"]

@@ -305,10 +305,8 @@ def _too_stiff(fused: FusedChange, limit: float) -> list[str]:
     if not fused.level + limit * fused.spread < _STIFFEST:
         return []
     ratio = max(1 + fused.level, _LEAST_COMPLIANCE) ** -3
-    return [
-        f"it is as stiff as with {ratio:.0f} times the preload of the epoch's reference, more than a nut can "
-        "have: is it a run of another axis?"
-    ]
+    fault = f"it is as stiff as with {ratio:.0f} times the preload of the epoch's reference"
+    return [f"{fault}, more than a nut can have: is it a run of another axis?"]
 
 
 def _frf_fault(run: Run, reference: Run, limit: float) -> list[str]:

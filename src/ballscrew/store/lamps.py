@@ -98,16 +98,12 @@ def add_lamps(
     """
     numbers, unassessed = _axes(session)
     setups = {row.axis_id: row for row in session.scalars(select(Setup))}
-    troubles: dict[str, list[dict[str, Any]]] = {}
-    for each in reversed(standing_alarms(session)):
-        if each["kind"] != "axis":
-            trouble = {name: each[name] for name in ("id", "kind", "text", "began_at")}
-            troubles.setdefault(each["axis"], []).append(trouble)
+    troubles = _troubles(session)
     bad = _bad_runs(session, [document["newest_run"] for document in documents])
     resets, waiting = _newest_resets(session), _waiting(session, documents)
     for document in documents:
         name, newest, until = document["axis"], document["newest_at"], document["assessed_until"]
-        number, state = numbers[name], document["state"]
+        number = numbers[name]
         setup = setups.get(number)
         because = _why_not_recent(newest, setup, at, calendar)
         document["due_at"] = None if because == "future" else due_at(setup, newest, calendar)
@@ -116,14 +112,30 @@ def add_lamps(
             because = "bad"
         document["measurement"] = {"troubles": troubles.get(name, []), "recent": recent, "because": because}
         document["waiting"] = waiting.get(name)
-        if document["waiting"] is not None and document["changed_at"] is not None:
-            state = document["last_state"] or state
         because = _why_not_recent(until, setup, at, calendar)
         if because is None and number in unassessed:
             because = "set aside"
         if _is_reset(until, resets.get(number), at):
             because = "reset"
-        document["lamp"] = _lamp(state, because)
+        document["lamp"] = _lamp(_known_state(document), because)
+
+
+def _known_state(document: dict[str, Any]) -> str:
+    """State of an axis; while the assessment of its changed history waits, that before."""
+    state = document["state"]
+    if document["waiting"] is not None and document["changed_at"] is not None:
+        state = document["last_state"] or state
+    return str(state)
+
+
+def _troubles(session: Session) -> dict[str, list[dict[str, Any]]]:
+    """Troubles that stand, by the name of the axis."""
+    troubles: dict[str, list[dict[str, Any]]] = {}
+    for each in reversed(standing_alarms(session)):
+        if each["kind"] != "axis":
+            trouble = {name: each[name] for name in ("id", "kind", "text", "began_at")}
+            troubles.setdefault(each["axis"], []).append(trouble)
+    return troubles
 
 
 def _axes(session: Session) -> tuple[dict[str, int], set[int]]:

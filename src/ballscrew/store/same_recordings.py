@@ -89,17 +89,23 @@ class RecordedRun:
         if self.axis != other.axis:
             channels = (self.channels, other.channels)
             return None not in channels and self.channels != other.channels
-        masses = (self.mass_kg, other.mass_kg)
-        same_mass = masses[0] == masses[1]
-        if None not in masses:
-            same_mass = math.isclose(masses[0] or 0.0, masses[1] or 0.0, rel_tol=1e-8)
-        mine, others = set(self.files), set(other.files)
-        if same_mass and mine != others and (mine < others or others < mine):
-            return True
-        if self.analysed and other.analysed:
+        if not self._has_load_of(other):
             return False
-        times = [time and moment(time, "measured_at") for time in (self.measured_at, other.measured_at)]
-        return same_mass and (None in times or times[0] == times[1])
+        mine, others = set(self.files), set(other.files)
+        if mine < others or others < mine:
+            return True
+        return not (self.analysed and other.analysed) and self._may_have_time_of(other)
+
+    def _has_load_of(self, other: RecordedRun) -> bool:
+        if self.mass_kg is None or other.mass_kg is None:
+            return self.mass_kg == other.mass_kg
+        return math.isclose(self.mass_kg, other.mass_kg, rel_tol=1e-8)
+
+    def _may_have_time_of(self, other: RecordedRun) -> bool:
+        """Whether two times are equal or not known."""
+        if self.measured_at is None or other.measured_at is None:
+            return True
+        return moment(self.measured_at, "measured_at") == moment(other.measured_at, "measured_at")
 
     def _sentence(self, axis: str) -> str:
         """Name of this run, to which a recording belongs, and what to do before it is part of another one."""
@@ -152,14 +158,23 @@ def _sharing(session: Session, new: RecordedRun) -> Iterator[RecordedRun]:
             rows[row.id] = row, axis
     if not rows:
         return
-    names = [name for name in (new.name, new.supersedes) if new.analysed and name is not None]
-    versions: set[int] = set()
-    related = select(RunRow).where(or_(RunRow.run.in_(names), RunRow.supersedes.in_(names)))
-    for row in session.scalars(related):
-        versions.update(run_versions(session, row))
+    versions = _versions(session, new)
     for row, axis in rows.values():
         counting = {each.id for each in current_rows(session, axis)}
-        if row.id in counting and row.id not in versions:
+        if row.id in counting - versions:
             newest = select(ResultRow).where(ResultRow.run_id == row.id).order_by(ResultRow.id.desc())
             result = session.scalars(newest.limit(1)).one()
             yield RecordedRun.of(Run.from_json(unpack(result.document), "a run of the store"), axis.name)
+
+
+def _versions(session: Session, new: RecordedRun) -> set[int]:
+    """Numbers of the runs that a new one corrects, or that correct it."""
+    if not new.analysed:
+        return set()
+    names = [new.name, *filter(None, [new.supersedes])]
+    versions: set[int] = set()
+    for row in session.scalars(
+        select(RunRow).where(or_(RunRow.run.in_(names), RunRow.supersedes.in_(names)))
+    ):
+        versions.update(run_versions(session, row))
+    return versions
