@@ -163,7 +163,7 @@ def _sharing(session: Session, new: RecordedRun) -> Iterator[RecordedRun]:
         counting = {each.id for each in current_rows(session, axis)}
         if row.id in counting - versions:
             newest = select(ResultRow).where(ResultRow.run_id == row.id).order_by(ResultRow.id.desc())
-            result = session.scalars(newest.limit(1)).one()
+            result = session.scalars(newest.limit(1)).all()[0]
             yield RecordedRun.of(Run.from_json(unpack(result.document), "a run of the store"), axis.name)
 
 
