@@ -330,6 +330,16 @@ def test_the_time_of_the_alarm_is_that_of_the_newest() -> None:
     assert found.alarm_at == found.runs[newest].reading.measured_at
 
 
+@pytest.mark.parametrize(("ratio", "verdict"), [(5.0, "good"), (12.0, "suspect")])
+def test_a_run_that_no_preload_of_the_nut_explains_is_not_good(ratio: float, verdict: str) -> None:
+    """Such as one of another axis of the same masses; a soft one cannot be told from a worn nut."""
+    runs = history([3.0 * day for day in range(7)], lambda day: ratio if day == 15.0 else 1.0)
+    reading = health_state(runs, MODEL).runs[5].reading
+    assert reading.verdict == verdict
+    if verdict == "suspect":
+        assert reading.reasons[0].startswith("it is as stiff as with 12 times the preload")
+
+
 def test_a_note_asks_for_the_events_of_an_axis_that_became_stiffer() -> None:
     found = assess(history(range(40), lambda day: 1.3 if day > 19 else 1.0))
     assert (found.state, found.alarm_at) == ("normal", None)

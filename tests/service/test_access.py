@@ -32,13 +32,11 @@ ROUTES = {
     ("PUT", "/api/v1/axes/{axis}"): ("/api/v1/axes/bench", ADMIN),
     ("PUT", "/api/v1/axes/{axis}/model"): ("/api/v1/axes/bench/model", ADMIN),
     ("POST", "/api/v1/axes/{axis}/events"): ("/api/v1/axes/bench/events", ADMIN),
-    ("POST", "/api/v1/axes/{axis}/runs/{run}/exclusion"): ("/api/v1/axes/bench/runs/r/exclusion", ADMIN),
-    ("DELETE", "/api/v1/axes/{axis}/runs/{run}/exclusion"): ("/api/v1/axes/bench/runs/r/exclusion", ADMIN),
-    ("POST", "/api/v1/axes/{axis}/events/{event}/exclusion"): (
-        "/api/v1/axes/bench/events/e/exclusion",
+    ("POST", "/api/v1/axes/{axis}/{kind}/{subject}/exclusion"): (
+        "/api/v1/axes/bench/runs/r/exclusion",
         ADMIN,
     ),
-    ("DELETE", "/api/v1/axes/{axis}/events/{event}/exclusion"): (
+    ("DELETE", "/api/v1/axes/{axis}/{kind}/{subject}/exclusion"): (
         "/api/v1/axes/bench/events/e/exclusion",
         ADMIN,
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -10,18 +11,33 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 from tests.estimation.made_runs import calibrated
-from tests.service.conftest import SETUP, NewService, client_of, events_of, send, send_result, work_off
+from tests.monitoring.histories import history
+from tests.service.conftest import (
+    RUN_TOML,
+    SETUP,
+    NewService,
+    client_of,
+    events_of,
+    put,
+    send,
+    send_result,
+    sha256,
+    work_off,
+)
 from tests.store.stored import MODEL, RUNS
 
-from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.calibration.modelfile import model_json
+from ballscrew.modal.run import Run
+from ballscrew.report.monitor_words import NOTHING
 from ballscrew.service.alarms import watch_for_silence
 from ballscrew.service.jobs import lease_job
 from ballscrew.service.serving import Service
 from ballscrew.service.working import finish
 from ballscrew.store.adding import add_run
+from ballscrew.store.assessing import monitor_axis
 from ballscrew.store.changing import exclude
-from ballscrew.store.tables import Axis, Message, Setup, Trouble
+from ballscrew.store.tables import Audit, Axis, Message, Setup, Trouble
 
 
 def assess(service: Service) -> None:
@@ -112,6 +128,9 @@ def test_a_refused_assessment_is_a_trouble_until_the_axis_is_assessed(
     files = (replace(RUNS[0].files[0], name="a.h5", sha256="ab" * 32),)
     for number, name in enumerate(("one", "copy")):
         add_run(service.store, replace(RUNS[number], id=name, files=files))
+        exclude(service.store, name, reason="not yet")
+    for name in ("one", "copy"):
+        exclude(service.store, name, undo=True)
     for number in (2, 3):
         send_result(client, number)  # a good run does not end the trouble
         assess(service)
@@ -282,6 +301,143 @@ def test_a_refused_run_is_a_trouble_from_the_time_that_it_states(
     assert alarms(client) == []
 
 
+CHANGED = history([3.0 * day for day in range(16)], lambda day: 0.7 if 15 <= day < 21 else 1.0)
+"""Runs of an axis of which two alone are soft: the monitor's state is normal again after calm ones."""
+
+
+def send_runs(client: TestClient, service: Service, runs: Sequence[Run]) -> None:
+    for run in runs:
+        content = write_json(run.to_json()).encode()
+        url = f"/api/v1/axes/bench/runs/{run.id}"
+        put(client, content, url)
+        answer = client.post(f"{url}/complete", json={"files": [], "run_json": sha256(content)})
+        assert answer.status_code == 202
+    assess(service)
+
+
+def test_an_alarm_is_over_once_a_later_run_of_its_epoch_is_normal(
+    client: TestClient, service: Service
+) -> None:
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    send_runs(client, service, CHANGED[:10])
+    assert [(each["state"], each["ended_at"]) for each in alarms(client)] == [("raised", None)]
+    send_runs(client, service, CHANGED[10:])
+    (alarm,) = alarms(client)
+    state = client.get("/api/v1/axes/bench").json()
+    normal = [run["measured_at"] for run in state["runs"][8:] if run["state"] == "normal"]
+    assert (state["state"], alarm["state"], alarm["ended_at"]) == ("normal", "ended", normal[0])
+    assert [each["text"] for each in state["to_do"]] == [NOTHING]
+    assert state["alarms"][0]["over_at"] == normal[0]
+    assert client.get("/api/v1/axes/bench/trend").json()["alarms"][0]["ended_at"] == normal[0]
+    assert messages(service) == [("alarm-1/1", "raised"), ("alarm-1/2", "ended")]
+    assert "standing alarm" not in client.get("/").text
+
+
+def test_an_alarm_of_old_runs_that_come_late_does_not_stand_and_needs_no_message(
+    client: TestClient, service: Service
+) -> None:
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    send_runs(client, service, [*CHANGED[:5], *CHANGED[7:]])
+    assert alarms(client) == []
+    send_runs(client, service, CHANGED[5:7])
+    assert [each["state"] for each in alarms(client)] == ["ended"]
+    assert messages(service) == []
+
+
+def test_an_alarm_of_an_epoch_before_is_to_be_closed(client: TestClient, service: Service) -> None:
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    send_runs(client, service, CHANGED[:8])
+    event = [{"at": CHANGED[7].measured_at, "kind": "nut replaced"}]
+    assert client.post("/api/v1/axes/bench/events", json=event).status_code == 200
+    send_runs(client, service, CHANGED[8:13])
+    (alarm,) = alarms(client)
+    sentence = f"Close the alarm of {alarm['began_at'][:10]} with what was found: it still stands."
+    found = client.get("/api/v1/axes/bench").json()
+    assert (alarm["state"], found["state"]) == ("raised", "normal")
+    assert [each["text"] for each in found["to_do"]] == [sentence]
+    for text in (client.get("/axes/bench").text, client.get("/axes/bench/report.html").text):
+        assert sentence in text
+        assert NOTHING not in text
+    assert sentence in monitor_axis(service.store, "bench").notes
+    act(client, alarm["id"], "close", text="the nut was worn")
+    closed = client.get("/api/v1/axes/bench").json()
+    assert [each["text"] for each in closed["to_do"]] == [NOTHING]
+
+
+def send_no_recording(client: TestClient, service: Service, key: str = "r1") -> None:
+    """Send files that are no recordings and state no time."""
+    untimed = "".join(line for line in RUN_TOML.splitlines(keepends=True) if "measured_at" not in line)
+    files = {"a.h5": f"{key}, a letter".encode(), "b.h5": f"{key}, another".encode()}
+    send(client, f"/api/v1/axes/bench/runs/{key}", files, run_toml=untimed)
+    work_off(service, lambda _: ("refused", "a.h5: is no recording."))
+
+
+def test_files_that_are_no_recording_are_a_trouble_until_the_next_newest_good_run(
+    client: TestClient, service: Service
+) -> None:
+    """They were measured before their receipt, as every run that comes later was too."""
+    send_result(client, 2)
+    send_no_recording(client, service)
+    assert [alarm["state"] for alarm in alarms(client)] == ["raised"]
+    send_result(client, 1)  # older than the newest one
+    send_result(client, 3, quality=BAD)
+    assert [alarm["state"] for alarm in alarms(client)] == ["raised"]
+    send_result(client, 4)
+    assert [alarm["state"] for alarm in alarms(client)] == ["ended"]
+    assert act(client, alarms(client)[0]["id"], "close", text="a letter").status_code == 200
+
+
+def test_a_closed_trouble_is_no_longer_on_the_lamp_and_the_next_bad_run_raises_another(
+    client: TestClient, service: Service
+) -> None:
+    now = datetime.now(UTC)
+    times = [(now - timedelta(days=10 - day)).isoformat(timespec="seconds") for day in range(10)]
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    for number in range(5):
+        send_result(client, number, measured_at=times[number])
+    assess(service)
+    send_no_recording(client, service)
+    (axis,) = client.get("/api/v1/axes").json()["axes"]
+    assert [each["kind"] for each in axis["measurement"]["troubles"]] == ["measurement"]
+    act(client, alarms(client)[0]["id"], "close", text="a letter")
+    (axis,) = client.get("/api/v1/axes").json()["axes"]
+    assert axis["measurement"] == {"troubles": [], "recent": True, "because": None}
+    assert 'class="lamp sound"' in client.get("/").text
+    send_result(client, 5, measured_at=times[5], quality=BAD)  # before the letter
+    assert [alarm["state"] for alarm in alarms(client)] == ["closed"]
+    send_no_recording(client, service, "r2")
+    assert sorted(alarm["state"] for alarm in alarms(client)) == ["ended", "raised"]
+
+
+def test_the_measurement_of_a_bad_newest_run_is_bad_also_after_its_trouble_was_closed(
+    client: TestClient, service: Service
+) -> None:
+    now = datetime.now(UTC)
+    times = [(now - timedelta(days=10 - day)).isoformat(timespec="seconds") for day in range(10)]
+    client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
+    for number in range(5):
+        send_result(client, number, measured_at=times[number], **({"quality": BAD} if number == 4 else {}))
+    assess(service)
+    act(client, alarms(client)[0]["id"], "close", text="the sensor was loose")
+    (axis,) = client.get("/api/v1/axes").json()["axes"]
+    assert axis["measurement"] == {"troubles": [], "recent": True, "because": "bad"}
+    for page in (client.get("/").text, client.get("/axes/bench").text):
+        assert 'class="lamp sound"' not in page
+        assert "▲</span> bad measurement" in page
+    send_result(client, 5, measured_at=times[5], quality=BAD)
+    assert sorted(alarm["state"] for alarm in alarms(client)) == ["ended", "raised"]
+
+
+def test_files_that_are_no_recording_do_not_hide_silence(client: TestClient, service: Service) -> None:
+    client.put("/api/v1/axes/bench", json=SETUP | {"schedule": {"period_s": 3600}})
+    before = (datetime.now(UTC) - timedelta(hours=2)).isoformat()
+    with service.store.write("test") as session:
+        session.scalars(select(Setup)).one().set_up_at = before
+    send_no_recording(client, service)
+    watch_for_silence(service)
+    assert {alarm["kind"] for alarm in alarms(client)} == {"measurement", "silence"}
+
+
 def test_a_preview_of_a_reset_stores_nothing(client: TestClient) -> None:
     for number in range(8):
         send_result(client, number)
@@ -303,6 +459,23 @@ def test_one_preview_is_computed_at_a_time(client: TestClient, service: Service)
     assert (answer.status_code, answer.headers["Retry-After"]) == (503, "10")
     assert client.post(url, json=[{"at": "soon", "kind": "note"}]).status_code == 422
     assert [client.post(url, json=event).status_code for _ in range(2)] == [200, 200]
+
+
+def test_the_same_action_of_the_same_person_counts_once(client: TestClient, service: Service) -> None:
+    send_result(client, 0, quality=BAD)
+    (alarm,) = alarms(client)
+    tomorrow = (datetime.now(UTC) + timedelta(days=1)).isoformat()
+    given: list[tuple[str, dict[str, str]]] = [
+        ("reopen", {}), ("acknowledge", {}), ("acknowledge", {}), ("acknowledge", {"text": "on Monday"}),
+        ("shelve", {"until": tomorrow}), ("shelve", {"until": tomorrow}), ("close", {"text": "loose"}),
+        ("close", {"text": "loose"}), ("reopen", {}), ("reopen", {}), ("acknowledge", {}),
+    ]  # fmt: skip
+    answers = [act(client, alarm["id"], action, **others).json() for action, others in given]
+    assert answers[1] == answers[2]
+    assert [len(answer["actions"]) for answer in answers] == [0, 1, 1, 2, 3, 3, 4, 4, 5, 5, 6]
+    with service.store.read() as session:
+        written = session.scalars(select(Audit).where(Audit.subject == alarm["id"])).all()
+    assert len(written) == 6
 
 
 def test_a_weekend_is_no_silence(new_service: NewService) -> None:

@@ -10,13 +10,25 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
-from tests.service.conftest import RUN_TOML, SETUP, send, send_result, work_off
+from tests.service.conftest import (
+    CHANNELS,
+    FILES,
+    RUN_TOML,
+    SETUP,
+    send,
+    send_result,
+    sha256,
+    work_off,
+)
+from tests.simulated_bench import AXIS
 from tests.store.stored import MODEL, RUNS
 
 from ballscrew.base.provenance import FileRef
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.service.alarms import watch_for_silence
+from ballscrew.service.jobs import lease_job
 from ballscrew.service.serving import Service
+from ballscrew.service.working import finish
 from ballscrew.store.store import Store
 from ballscrew.store.tables import Audit, RunRow, Setup, Upload
 
@@ -136,16 +148,89 @@ def test_a_part_counts_once_the_whole_is_bad(client: TestClient) -> None:
     assert counting(client) == {"incomplete"}
 
 
-@pytest.mark.parametrize(
-    ("trips", "changes"), [("23", {}), ("34", {}), ("12", {}), ("123", {"mass_kg": 1.0})]
-)
-def test_runs_of_which_neither_is_more_complete_are_left_to_a_person(
+@pytest.mark.parametrize(("trips", "changes"), [("23", {}), ("12", {}), ("123", {"mass_kg": 1.0})])
+def test_a_run_that_shares_trips_with_another_without_being_more_complete_is_refused(
     client: TestClient, trips: str, changes: dict[str, Any]
 ) -> None:
     send_trips(client, "incomplete", "12")
-    send_trips(client, "complete", trips, **changes)
-    assert counting(client) == {"incomplete", "complete"}
+    files = tuple(TRIPS[int(number) - 1] for number in trips)
+    answer = send_result(client, 6, key="complete", id="complete", files=files, **changes)
+    assert answer.status_code == 409
+    assert "belongs to the run 'incomplete' of 2026" in answer.json()["detail"]
+    assert counting(client) == {"incomplete"}
+    send_trips(client, "more", "34")
+    assert counting(client) == {"incomplete", "more"}
     assert client.get("/api/v1/axes/bench").json()["exclusions"] == []
+
+
+OTHER_TIME = RUN_TOML.replace("01-01T08:00:00Z", "01-02T08:00:00Z")
+R2 = "/api/v1/axes/bench/runs/r2"
+
+
+@pytest.mark.parametrize("analysed", [False, True])
+def test_the_same_files_with_another_time_are_refused_until_the_first_run_does_not_count(
+    client: TestClient, service: Service, analysed: bool
+) -> None:
+    send(client)
+    files = tuple(FileRef(name, sha256(content)) for name, content in FILES.items())
+    first = replace(RUNS[0], files=files)
+    if analysed:
+        work_off(service, lambda _: ("done", (first.to_json(), [])))
+    answer = send(client, R2, run_toml=OTHER_TIME)
+    assert answer.status_code == 409
+    name = first.id[:12] if analysed else "r1"
+    assert f"the recording 'a.h5' belongs to the run '{name}' of " in answer.json()["detail"]
+    assert len(client.get("/api/v1/axes/bench/runs").json()["sent"]) == 1
+    if analysed:
+        assert client.post(f"/api/v1/axes/bench/runs/{first.id}/exclusion", json={"reason": "x"}).is_success
+        assert send(client, R2, run_toml=OTHER_TIME).status_code == 202
+
+
+def test_the_same_files_are_refused_after_their_analysis_where_no_time_was_stated(
+    client: TestClient, service: Service
+) -> None:
+    files = tuple(FileRef(name, sha256(content)) for name, content in FILES.items())
+    runs = {"r1": replace(RUNS[0], files=files), "r2": replace(RUNS[1], files=files)}
+    untimed = "".join(line for line in RUN_TOML.splitlines(True) if "measured_at" not in line)
+    send(client)
+    assert send(client, R2, run_toml=untimed).status_code == 202
+    for name in runs:
+        work_off_first(service, runs[name])
+    sent = client.get("/api/v1/axes/bench/runs").json()["sent"]
+    assert [each["status"] for each in sent] == ["done", "refused"]
+    assert "belongs to the run" in sent[1]["error"]
+    assert client.get("/api/v1/alarms").json()["alarms"] == []  # nothing is wrong with the measurement
+    exclusion = f"/api/v1/axes/bench/runs/{RUNS[0].id}/exclusion"
+    assert client.post(exclusion, json={"reason": "the other one is right"}).is_success
+    assert send(client, R2, run_toml=untimed).status_code == 202
+    work_off_first(service, runs["r2"])
+    assert counting_all(client) == {RUNS[1].id}
+
+
+def work_off_first(service: Service, run: Any) -> None:
+    """Analyse the run that waits longest."""
+    lease = lease_job(service)
+    assert lease is not None
+    finish(service, lease, "done", (run.to_json(), []))
+
+
+def counting_all(client: TestClient) -> set[str]:
+    runs = client.get("/api/v1/axes/bench/runs").json()["runs"]
+    return {each["run"] for each in runs if each["counts"]}
+
+
+def test_the_files_of_another_axis_are_refused(client: TestClient) -> None:
+    sheet = AXIS.replace('"bench"', '"Y axis"')
+    client.put("/api/v1/axes/Y axis", json=SETUP | {"sheet": sheet})
+    send(client)
+    other = "/api/v1/axes/Y axis/runs/r1"
+    answer = send(client, other)
+    assert answer.status_code == 409
+    assert "of the axis 'bench' already: send the recordings of the axis 'Y axis'" in answer.json()["detail"]
+    client.put(
+        "/api/v1/axes/Y axis", json=SETUP | {"sheet": sheet, "channels": CHANNELS.replace('"a"', '"y"')}
+    )
+    assert send(client, other).status_code == 202  # two axes in one file
 
 
 FUTURE = (datetime.now(UTC) + timedelta(days=400)).isoformat()
@@ -245,7 +330,8 @@ def test_a_run_whose_time_is_doubtful_neither_hides_silence_nor_ends_a_trouble(
         run = f"/api/v1/axes/bench/runs/{doubtful}"
         send_result(client, 1 if doubtful else 2, measured_at=time)
         watch_for_silence(service)
-        answer = send(client, run, run_toml=text).json()  # which waits for its analysis
+        files = {name: f"{time} {name}".encode() for name in FILES}
+        answer = send(client, run, files, run_toml=text).json()  # which waits for its analysis
         assert (answer["doubt"] is not None) == doubtful
         watch_for_silence(service)
         troubles = client.get("/api/v1/alarms").json()["alarms"]

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 from tests.monitoring.histories import at, history
-from tests.service.conftest import SETUP, NewService, client_of, send, work_off
+from tests.service.conftest import SETUP, NewService, client_of, put, send, sha256, work_off
 from tests.store.stored import MODEL, RUNS
 
+from ballscrew.base.jsonfile import write_json
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
@@ -21,8 +23,10 @@ from ballscrew.recording.quality.finding import Quality
 from ballscrew.service.alarms import watch_for_silence
 from ballscrew.service.serving import Service
 from ballscrew.store.adding import add_run
+from ballscrew.store.changing import exclude
 from ballscrew.store.lamps import EVERY_DAY, URGENCY, RunCalendar, add_lamps
-from ballscrew.store.tables import Assessment, Axis, Setup
+from ballscrew.store.reporting import report
+from ballscrew.store.tables import Setup
 
 NEWEST = moment(at(21.0), "a run")
 SCHEDULE = {"period_s": 3 * 86400.0, "grace_s": 86400.0}
@@ -36,7 +40,9 @@ def lamp(client: TestClient, service: Service) -> Lamp:  # noqa: ARG001  it sets
     """Lamp of an axis of a state, a number of days after its newest run."""
 
     def show(days: float, state: str = "normal", calendar: RunCalendar = EVERY_DAY) -> dict[str, Any]:
-        document = {"axis": "bench", "state": state, "newest_at": NEWEST.isoformat()}
+        document: dict[str, Any] = {"axis": "bench", "state": state, "last_state": state}
+        document |= dict.fromkeys(("newest_at", "assessed_until"), NEWEST.isoformat())
+        document |= dict.fromkeys(("newest_run", "changed_at", "assessed_at"))
         with service.store.read() as session:
             add_lamps(session, [document], NEWEST + timedelta(days=days), calendar)
         return document
@@ -160,12 +166,12 @@ def test_a_newest_run_in_the_future_does_not_make_a_lamp_green(
 
 
 def test_an_axis_without_a_run_has_no_good_measurement(client: TestClient, service: Service) -> None:
-    for runs, words in (((), "no run yet"), (RUNS[:1], "not assessed")):
+    for runs, words, because in (((), "no run yet", "no run"), (RUNS[:1], "no recent run", "old")):
         for run in runs:
             add_run(service.store, run)
         (axis,) = client.get("/api/v1/axes").json()["axes"]
         for found in (axis, client.get("/api/v1/axes/bench").json()):
-            assert found["measurement"] == {"troubles": [], "recent": False, "because": "no run"}
+            assert found["measurement"] == {"troubles": [], "recent": False, "because": because}
         for page in (client.get("/").text, client.get("/axes/bench").text):
             assert 'class="lamp sound"' not in page
             assert f"○</span> {words}</span>" in page
@@ -175,9 +181,6 @@ def test_an_alarm_whose_newest_run_is_old_has_no_good_measurement(
     client: TestClient, service: Service
 ) -> None:
     assess(service, RUNS)
-    with service.store.write("test") as session:
-        session.scalars(select(Assessment)).one().newest_at = at(-365.0)
-        session.scalars(select(Axis)).one().changed_at = None
     (axis,) = client.get("/api/v1/axes").json()["axes"]
     assert (axis["lamp"]["state"], axis["measurement"]["because"]) == ("alarm", "old")
     for page in (client.get("/").text, client.get("/axes/bench").text):
@@ -234,3 +237,80 @@ def test_runs_that_wait_or_were_refused_do_not_make_a_lamp_green(
         assert axis["lamp"]["state"] == "not assessed"
         work_off(service, lambda _, outcome=outcome: (outcome, "a reason"))
     assert 'class="lamp normal"' not in client.get("/").text
+
+
+RECENT = [
+    replace(run, measured_at=(datetime.now(UTC) - timedelta(days=30 - 3 * number)).isoformat())
+    for number, run in enumerate(history([3.0 * day for day in range(8)]))
+]
+
+
+def test_while_runs_wait_the_lamp_is_that_of_the_newest_assessment(
+    client: TestClient, service: Service
+) -> None:
+    assess(service, RECENT[:6])
+    for waiting in (1, 2):
+        content = write_json(Run.to_json(RECENT[5 + waiting])).encode()
+        url = f"/api/v1/axes/bench/runs/r{waiting}"
+        put(client, content, url)
+        body = {"files": [], "run_json": sha256(content)}
+        assert client.post(f"{url}/complete", json=body).status_code == 202
+        (axis,) = client.get("/api/v1/axes").json()["axes"]
+        assert (axis["state"], axis["waiting"]) == ("unknown", waiting)
+        assert axis["newest_at"] == RECENT[5 + waiting].measured_at
+        assert axis["assessed_until"] == RECENT[5].measured_at
+        for found in (axis, client.get("/api/v1/axes/bench").json()):
+            assert found["lamp"] == {"state": "normal", "because": None}
+        words = "1 run waits" if waiting == 1 else "2 runs wait"
+        for page in (client.get("/").text, client.get("/axes/bench").text):
+            assert words in page
+            assert 'class="lamp unknown' not in page.split("Runs (")[0]
+    text = client.get("/axes/bench/report.html").text
+    assert "normal, 2 runs waiting" in text
+    assert send(client, "/api/v1/axes/bench/runs/r3").status_code == 202  # for its analysis
+    assert client.get("/api/v1/axes/bench").json()["waiting"] == 3
+    work_off(service, lambda _: ("refused", "a.h5: is no recording."))
+    axis = client.get("/api/v1/axes/bench").json()
+    assert (axis["state"], axis["waiting"], axis["assessed_until"]) == ("normal", None, axis["newest_at"])
+
+
+def test_an_old_assessment_is_no_green_lamp_while_a_recent_run_waits(
+    client: TestClient, service: Service
+) -> None:
+    assess(service, history([3.0 * day for day in range(6)]))
+    assert send(client).status_code == 202
+    (axis,) = client.get("/api/v1/axes").json()["axes"]
+    assert (axis["lamp"], axis["waiting"]) == ({"state": "unknown", "because": "old"}, 1)
+
+
+@pytest.mark.parametrize("excluded", [False, True])
+def test_an_axis_without_an_assessment_has_its_newest_run_and_is_counted_alike(
+    client: TestClient, service: Service, tmp_path: Path, excluded: bool
+) -> None:
+    """On the page of the fleet, over HTTP and in the report."""
+    client.put("/api/v1/axes/bench", json=SETUP | {"schedule": SCHEDULE})
+    for run in RECENT[:3]:
+        add_run(service.store, run)
+    counting = RECENT[:3]
+    if excluded:
+        exclude(service.store, RECENT[2].id, reason="another axis")
+        counting = RECENT[:2]
+    with service.store.write("test") as session:
+        session.scalars(select(Setup)).one().set_up_at = at(0.0)
+    (axis,) = client.get("/api/v1/axes").json()["axes"]
+    assert axis["newest_at"] == counting[-1].measured_at
+    due = moment(counting[-1].measured_at, "a run") + timedelta(seconds=SCHEDULE["period_s"])
+    assert moment(axis["due_at"], "due") == due
+    assert axis["lamp"]["state"] == "not assessed"
+    document = report(service.store, out=tmp_path / "report.html")
+    assert [each["shown"] for each in document["axes"]] == ["not assessed"]
+    assert "1 axis: 1 not assessed" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_measurement_of_a_bad_newest_run_that_was_never_assessed_is_bad(
+    client: TestClient, service: Service
+) -> None:
+    add_run(service.store, RECENT[0])
+    add_run(service.store, replace(RECENT[7], quality=Quality("bad", ("clipped",))))
+    assert client.get("/api/v1/axes/bench").json()["measurement"]["because"] == "bad"
+    assert 'class="lamp sound"' not in client.get("/").text

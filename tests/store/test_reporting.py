@@ -159,11 +159,13 @@ def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_the_worst_axis_is_first_and_an_unassessed_one_is_unknown(plant: Store, tmp_path: Path) -> None:
+def test_the_worst_axis_is_first_and_one_without_a_model_is_not_assessed(
+    plant: Store, tmp_path: Path
+) -> None:
     page = page_of(plant, tmp_path)
     names = re.findall(r'<a href="#axis-\d">([^<]*)</a>', page)
     assert names == ["bench", UNKNOWN, "A axis"]
-    assert "3 axes: 1 alarm, 1 unknown, 1 normal" in page
+    assert "3 axes: 1 alarm, 1 not assessed, 1 normal" in page
     assert "It cannot be assessed: the store has no model" in page
 
 
@@ -200,7 +202,7 @@ def test_what_is_not_known_is_never_good(
     page = page_of(plant, tmp_path)
     assert f">○</span>&nbsp;{words}<" in page
     assert ">●</span>&nbsp;normal<" not in page.split("What to do")[0]
-    assert "1 alarm, 2 unknown" in page
+    assert "1 alarm, 1 unknown, 1 not assessed" in page
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -209,7 +211,6 @@ def test_a_state_without_a_schedule_is_unknown_when_it_is_old(plant: Store, tmp_
     assert "unknown, last run is old; normal before" in page
     assert ">■</span>&nbsp;alarm<" in page
     assert ">no recent run<" in page
-    assert ">good, not assessed<" in page
     assert ">good<" not in page.split("What to do")[0]
     assert page.count("Run the test: the newest run is too old to show the present state.") == 2
 

@@ -135,20 +135,54 @@ def test_of_two_corrections_as_files_the_one_added_last_counts(store: Store) -> 
     assert third in {run.reading.run for run in store.monitor("bench").monitored.state.runs}
 
 
-def test_runs_that_share_a_recording_are_listed_with_what_to_do(store: Store) -> None:
+def test_a_run_of_the_recordings_of_another_is_refused_with_what_to_do(store: Store) -> None:
     fill(store)
-    once = amend(RUNS[5], measured_at=at(15.5))
-    twice = amend(once, measured_at=at(16.5))
-    files = (replace(RUNS[0].files[0], name="a.h5", sha256="ab" * 32),)
-    add_run(store, replace(RUNS[5], id="another", files=files, measured_at=at(50.0)))
-    unlinked = replace(twice, files=files)  # the correction in between is not in the store
-    add_run(store, unlinked)
-    with pytest.raises(InputError, match=r"the same recording, 'a\.h5', .*\('ballscrew store exclude'\)"):
+    corrected = store.correct(RUNS[5].id, measured_at=at(15.5), reason="wrong clock")
+    again = replace(RUNS[5], id="again", measured_at=at(50.0))
+    match = f"'.*' belongs to the run '{corrected[:12]}' .*correct that run .*'ballscrew store exclude'"
+    with pytest.raises(InputError, match=match):
+        add_run(store, again)
+    unlinked = amend(amend(RUNS[5], measured_at=at(51.0)), measured_at=at(52.0))
+    with pytest.raises(InputError, match=match):
+        add_run(store, unlinked)  # the correction in between is not in the store
+    for run in (RUNS[5], RUNS[4]):
+        assert not add_run(store, run).is_new
+    assert count(store, RunRow) == len(RUNS) + 1
+    store.exclude(corrected, reason="wrong clock")
+    assert add_run(store, again).is_new
+
+
+@pytest.mark.parametrize("channels", [None, "another"])
+def test_a_recording_of_another_axis_is_refused_unless_the_channels_differ(
+    store: Store, channels: str | None
+) -> None:
+    """Two axes may be recorded in one file."""
+    run = replace(RUNS[0], made=replace(RUNS[0].made, inputs=RUNS[0].made.inputs | {"channels": "one"}))
+    add_run(store, run)
+    inputs = run.made.inputs | {"channels": channels or "one"}
+    other = replace(run, id="other", axis="Y axis", made=replace(run.made, inputs=inputs))
+    if channels is not None:
+        assert add_run(store, other).is_new
+        return
+    with pytest.raises(
+        InputError, match="of the axis 'bench' already: send the recordings of the axis 'Y axis'"
+    ):
+        add_run(store, other)
+
+
+def test_runs_that_share_a_recording_are_listed_with_what_to_do(store: Store) -> None:
+    """Of a store of an earlier version, or by a person who includes a run again."""
+    fill(store)
+    store.exclude(RUNS[5].id, reason="a copy")
+    another = replace(RUNS[5], id="another", measured_at=at(50.0))
+    add_run(store, another)
+    store.exclude(RUNS[5].id, undo=True)
+    with pytest.raises(InputError, match=r"the same recording, .*\('ballscrew store exclude'\)"):
         store.monitor("bench")
     (pair,) = store.show("bench")["shared_recordings"]
-    assert pair == {"runs": [twice.id, "another"], "recording": "a.h5"}
+    assert pair == {"runs": [RUNS[5].id, "another"], "recording": RUNS[5].files[0].name}
     store.exclude("another", reason="the recordings of another run")
-    assert twice.id in {run.reading.run for run in store.monitor("bench").monitored.state.runs}
+    assert RUNS[5].id in {run.reading.run for run in store.monitor("bench").monitored.state.runs}
     assert store.show("bench")["shared_recordings"] == []
 
 

@@ -161,6 +161,8 @@ def _print_axis(document: dict[str, Any]) -> None:
         text = f"Alarm since {utc_minute(alarm['began_at'])}, raised {utc_minute(alarm['raised_at'])}"
         if alarm["retracted_at"]:
             text += f", retracted {utc_minute(alarm['retracted_at'])}"
+        elif alarm["over_at"]:
+            text += f", over since {utc_minute(alarm['over_at'])}"
         screen.print(f"{text}.", markup=False)
     for event in document["events"]:
         name = "Event" if event["digest"] is None else f"Event {event['digest'][:12]}"

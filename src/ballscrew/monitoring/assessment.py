@@ -27,6 +27,8 @@ from ballscrew.monitoring.reading import Reading
 
 _LARGEST_LOAD_CHANGE = 0.25  # of the moving mass, as ``preload`` allows
 _FRF = 0.02  # relative deviation of the FRF's equivalent mass from the rigid body's
+_STIFFEST = -0.5  # level of P/P₀ = 8, beyond which the chart counts none
+_LEAST_COMPLIANCE = 0.1  # relative to the reference
 _SOFTEST = 1.0  # growth of the compliance: beyond it one flank carries the load, and no softer
 _WINDUP = 0.5  # relative uncertainty of the additional wind-up of a softer axis: friction changes too
 _BASELINE_TERMS = (BASELINE, BASELINE_PART)
@@ -292,9 +294,19 @@ def _disagreements(
         if misfit:
             excluded = fused.probability < settings.suspect and causes[0].name not in _FOLLOWED
             (faults if excluded else doubts).append(describe_misfit(fused, causes))
+    faults += _too_stiff(fused, limit)
     faults += _frf_fault(measured.run, reference.run, limit)
     faults += doubts_of_cells(measured.run, reference.run, in_history=True)
     return faults, doubts, notes
+
+
+def _too_stiff(fused: FusedChange, limit: float) -> list[str]:
+    """Fault of a run whose frequencies no preload of this nut gives; a soft one may be worn."""
+    if not fused.level + limit * fused.spread < _STIFFEST:
+        return []
+    ratio = max(1 + fused.level, _LEAST_COMPLIANCE) ** -3
+    fault = f"it is as stiff as with {ratio:.0f} times the preload of the epoch's reference"
+    return [f"{fault}, more than a nut can have: is it a run of another axis?"]
 
 
 def _frf_fault(run: Run, reference: Run, limit: float) -> list[str]:

@@ -37,7 +37,10 @@ _YEAR = timedelta(days=365)
 _AFTER = timedelta(days=7)  # the newest run, where the year ends with it
 _FOLLOWS = 1.5  # times the usual time between two runs: the longest that a state is drawn
 _LEAST_PART = 1 / 250  # of a strip
-_URGENCY = {"alarm": 1, "unloaded": 1, "watch": 3, "suspect": 4, UNKNOWN: 4, "learning": 6, "normal": 7}
+_URGENCY = {
+    "alarm": 1, "unloaded": 1, "watch": 3, "suspect": 4, UNKNOWN: 4, "not assessed": 5, "learning": 6,
+    "normal": 7,
+}  # fmt: skip
 _LEGEND = "Strip: state of each run of the year, the higher the worse; a gap is a time without runs."
 _SOUND = 6  # urgency from which on an axis needs nothing
 _BRIEF = (

@@ -105,17 +105,19 @@ class StoredAxis:
 
 def state_words(axis: StoredAxis) -> StateWords:
     """State of an axis by its lamp: never normal where nothing is known."""
-    state, lamp = axis.document["state"], axis.document["lamp"]
-    if lamp["because"] is not None:
+    document = axis.document
+    lamp, state = document["lamp"], document["last_state"] or document["state"]
+    if lamp["because"] is not None and lamp["state"] == UNKNOWN:
         return StateWords(UNKNOWN, f"unknown, {_BECAUSE[lamp['because']]}; {state} before")
-    if state == UNKNOWN:
-        last = axis.document["last_state"]
-        return StateWords(UNKNOWN, f"unknown, {last} before" if last else UNKNOWN)
+    if lamp["state"] == UNKNOWN:
+        return StateWords(UNKNOWN, f"unknown, {state} before" if document["last_state"] else UNKNOWN)
     words = str(lamp["state"])
-    if axis.document["urgency"] == "now":
+    if document["urgency"] == "now":
         words += ", urgent"
-    if axis.document["reasons"]:
+    if document["reasons"]:
         words += " (suspect)"
+    if document["waiting"]:
+        words += f", {plural(document['waiting'], 'run')} waiting"
     return StateWords(lamp["state"], words)
 
 
@@ -132,8 +134,7 @@ def measurement_words(axis: StoredAxis) -> str:
     because = axis.document["measurement"]["because"]
     if because in (*_OLD, "future"):
         return "no recent run"
-    quality = axis.counting[-1]["quality"] or "no result"
-    return f"{quality}, not assessed" if because else quality
+    return because or axis.counting[-1]["quality"] or "no result"
 
 
 def due_words(axis: StoredAxis) -> str:
@@ -240,6 +241,8 @@ def _conclusion(axis: StoredAxis) -> StateWords:
     """State in one line; that of the newest assessment, unless nothing is known since."""
     state = state_words(axis)
     if not axis.explained:
+        if axis.document["waiting"] is not None and state.lamp != UNKNOWN:
+            return state
         return StateWords(state.lamp, stored_headline(axis.document).removeprefix(f"{axis.name}: "))
     words = axis.explained["headline"].removeprefix(f"{axis.name}: ")
     because = axis.document["lamp"]["because"]

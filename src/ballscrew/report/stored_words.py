@@ -34,9 +34,9 @@ def stored_headline(document: dict[str, Any]) -> str:
         A line.
     """
     axis, state = document["axis"], document["state"]
-    if document["newest_at"] is None:
+    if document["assessed_until"] is None:
         return f"{axis}: {state}"
-    newest = f"as of the run of {utc_minute(document['newest_at'])}"
+    newest = f"as of the run of {utc_minute(document['assessed_until'])}"
     if document["changed_at"]:
         before = f"{document['last_state']} {newest}"
         return f"{axis}: {state} since its history has changed ('ballscrew monitor'); {before}"

@@ -20,7 +20,7 @@ NO_RUN = "Run the test: the axis has no run yet."
 WAIT = "Wait for the next assessment, or assess the axis: 'ballscrew monitor AXIS --store DIR'."
 
 _OF_TROUBLES = {"silence": OVERDUE, "measurement": BAD, "assessment": REFUSED}
-_OF_REASONS = {"old": OLD, "overdue": OLD}
+_OF_REASONS = {"old": OLD, "overdue": OLD, "bad": BAD}
 _URGENT = ("alarm", "unloaded")  # states whose advice comes before that on the measurement
 _STALE = ("do-repeat", "do-next-good")  # codes of advice that an old newest run makes invalid
 _CORRECT = "do-correct"  # the same as BAD

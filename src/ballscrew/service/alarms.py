@@ -19,7 +19,7 @@ from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.counting import doubted_runs, doubts_of
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.settings import ServerSettings
-from ballscrew.store.alarms import alarm_document, alarm_documents
+from ballscrew.store.alarms import alarm_document, alarm_documents, alarm_over_at
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
 from ballscrew.store.tables import (
@@ -37,6 +37,7 @@ from ballscrew.store.tables import (
 router = APIRouter(prefix="/api/v1/alarms")
 
 SILENCE, MEASUREMENT, ASSESSMENT = "silence", "measurement", "assessment"
+_ARRIVED = ("queued", "done", "set aside")  # states of what was sent that is no run of another content
 _LONGEST_TEXT = 4000  # characters of the text of a trouble
 _ACTIONS = {"acknowledge": "acknowledged", "shelve": "shelved", "close": "closed", "reopen": "raised"}
 
@@ -59,11 +60,14 @@ def list_alarms(caller: AdminCaller, service: RunningService) -> dict[str, Any]:
 
 @router.post("/{alarm}")
 def act(alarm: str, action: Action, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
-    """Acknowledge, shelve, close with a finding, or reopen an alarm."""
+    """Acknowledge, shelve, close with a finding, or reopen an alarm; the same again changes nothing."""
     _check(action)
     with service.store.write("alarm") as session:
         kind, row = _find_alarm(session, alarm)
-        if alarm_document(session, row)["state"] == "closed" and action.action in ("acknowledge", "shelve"):
+        document = alarm_document(session, row)
+        if _is_repeated(document, action, caller.name):
+            return {"schema": SCHEMA, **document}
+        if document["state"] == "closed" and action.action in ("acknowledge", "shelve"):
             raise RefusedError(409, f"{alarm} was closed already; reopen it first.")
         taken = AlarmAction(
             action=_ACTIONS[action.action], until=action.until, text=action.text, actor=caller.name, at=now()
@@ -75,6 +79,13 @@ def act(alarm: str, action: Action, caller: AdminCaller, service: RunningService
         document = alarm_document(session, row)
     service.announce()
     return {"schema": SCHEMA, **document}
+
+
+def _is_repeated(document: dict[str, Any], action: Action, by: str) -> bool:
+    """Whether an alarm is in the state after an action, by the same action of the same person."""
+    done, newest = _ACTIONS[action.action], document["actions"][-1:]
+    same = {"action": done, "by": by, "until": action.until, "text": action.text}
+    return document["state"] == done and all(same.items() <= each.items() for each in newest)
 
 
 def _check(action: Action) -> None:
@@ -102,7 +113,9 @@ def _find_alarm(session: Session, name: str) -> tuple[str, AlarmRow | Trouble]:
 
 
 def write_messages(session: Session, axis: Axis) -> None:
-    """Add a message for each alarm of an axis that was raised or retracted since its last message.
+    """Add a message for each alarm of an axis that was raised, retracted or over since its last message.
+
+    One of the past that was over when it was raised needs none.
 
     Parameters
     ----------
@@ -113,7 +126,11 @@ def write_messages(session: Session, axis: Axis) -> None:
     """
     session.flush()
     for alarm in session.scalars(select(AlarmRow).where(AlarmRow.axis_id == axis.id).order_by(AlarmRow.id)):
-        kind = "raised" if alarm.retracted_at is None else "retracted"
+        kind = "raised"
+        if alarm.retracted_at is not None:
+            kind = "retracted"
+        elif alarm_over_at(session, alarm) is not None:
+            kind = "ended"
         _add_message(session, axis, f"alarm-{alarm.id}", kind, {"began_at": alarm.began_at})
 
 
@@ -121,7 +138,7 @@ def _add_message(session: Session, axis: Axis, subject: str, kind: str, detail: 
     """Add a message, unless the last one about its subject was of the same kind."""
     about = Message.key.startswith(f"{subject}/")
     last = session.scalar(select(Message).where(about).order_by(Message.id.desc()).limit(1))
-    if last is not None and last.kind == kind:
+    if kind == (last.kind if last is not None else "ended"):
         return
     number = int(session.scalar(select(func.count()).where(about)) or 0) + 1
     document = {"subject": subject, "axis": axis.name, **detail}
@@ -133,10 +150,14 @@ def _add_message(session: Session, axis: Axis, subject: str, kind: str, detail: 
     session.flush()
 
 
-def report_bad_measurement(session: Session, axis: Axis, at: str, reasons: Sequence[str]) -> None:
+def report_bad_measurement(
+    session: Session, axis: Axis, at: str, reasons: Sequence[str], *, is_dated: bool = True
+) -> None:
     """Raise a trouble with the measurement, or end it after a run without reasons.
 
     A run that was measured before the trouble began, and one before another that is not bad, change nothing.
+    Recordings whose time is not known were measured before their receipt: their trouble ends with the newest
+    run of the axis, if that comes later and is not bad.
 
     Parameters
     ----------
@@ -148,11 +169,16 @@ def report_bad_measurement(session: Session, axis: Axis, at: str, reasons: Seque
         Time of the run.
     reasons : sequence of str
         Why it is bad; empty for one that is not.
+    is_dated : bool
+        Whether its time is known; else ``at`` is that of its receipt.
     """
-    standing, time = _standing(session, axis, MEASUREMENT), moment(at, "measured_at")
-    if standing is not None and time < moment(standing.began_at, "began_at"):
-        return
-    if standing is None and reasons and _is_good_after(session, axis, time.timestamp()):
+    standing = _standing(session, axis, MEASUREMENT)
+    if standing is not None and moment(at, "measured_at") < moment(standing.began_at, "began_at"):
+        received = (Upload.axis_id == axis.id, Upload.received_at == standing.began_at)
+        began_at_receipt = session.scalar(select(Upload.id).where(*received).limit(1)) is not None
+        if reasons or not began_at_receipt or not _is_good_after(session, axis, standing.began_at, False):
+            return
+    if standing is None and reasons and _is_good_after(session, axis, at, is_dated):
         return
     _set_trouble(session, axis, MEASUREMENT, at if reasons else None, _joined(reasons))
 
@@ -166,12 +192,16 @@ def _joined(reasons: Sequence[str]) -> str:
     return f"{start.rpartition('; ')[0] or start}; …"
 
 
-def _is_good_after(session: Session, axis: Axis, time: float) -> bool:
-    """Whether a run that is not bad was measured after a time, s since 1970."""
-    later = select(RunRow.id).join(ResultRow, ResultRow.run_id == RunRow.id)
-    later = later.where(RunRow.axis_id == axis.id, RunRow.time > time, ResultRow.verdict != "bad")
-    later = later.where(RunRow.id.not_in(doubted_runs()))
-    return session.scalar(later.limit(1)) is not None
+def _is_good_after(session: Session, axis: Axis, at: str, is_dated: bool) -> bool:
+    """Whether the newest run that is not bad was measured after a time, or else came after it."""
+    runs = select(RunRow).join(ResultRow, ResultRow.run_id == RunRow.id)
+    runs = runs.where(RunRow.axis_id == axis.id, RunRow.time.is_not(None), ResultRow.verdict != "bad")
+    runs = runs.where(RunRow.id.not_in(doubted_runs())).order_by(RunRow.time.desc(), RunRow.id.desc())
+    newest = session.scalars(runs.limit(1)).first()
+    if newest is None:
+        return False
+    time = str(newest.measured_at if is_dated else newest.received_at)
+    return moment(time, "a run") > moment(at, "a run")
 
 
 def report_refused_assessment(session: Session, axis: Axis, reason: str | None) -> None:
@@ -194,8 +224,10 @@ def _set_trouble(session: Session, axis: Axis, kind: str, began_at: str | None, 
     """Raise a trouble, or end it where ``began_at`` is None; whether something changed."""
     standing = _standing(session, axis, kind)
     if standing is not None and began_at is not None:
-        standing.text = text
-        return False
+        if not _is_another(session, standing, began_at, text):
+            standing.text = text
+            return False
+        standing.ended_at, standing = now(), None
     if standing is None and began_at is None:
         return False
     if standing is None:
@@ -213,6 +245,13 @@ def _set_trouble(session: Session, axis: Axis, kind: str, began_at: str | None, 
     _add_message(session, axis, f"trouble-{standing.id}", action, {"kind": kind, "text": standing.text})
     record(session, action, f"{kind} of {axis.name}", text=standing.text)
     return True
+
+
+def _is_another(session: Session, closed: Trouble, began_at: str, text: str) -> bool:
+    """Whether a trouble is another one than that of the same kind which a person has closed."""
+    if alarm_document(session, closed)["state"] != "closed" or began_at == closed.began_at:
+        return False
+    return closed.kind == MEASUREMENT or text != closed.text
 
 
 def _standing(session: Session, axis: Axis, kind: str) -> Trouble | None:
@@ -258,6 +297,7 @@ def _silent_since(session: Session, settings: ServerSettings, setup: Setup, at: 
     added = session.scalar(select(func.max(RunRow.received_at)).where(*of_axis))
     newest = max(added or setup.set_up_at, setup.set_up_at)
     later = select(Upload).where(Upload.axis_id == setup.axis_id, Upload.received_at > newest)
+    later = later.where(Upload.status.in_(_ARRIVED))
     sent = session.scalars(later.order_by(Upload.received_at)).all()
     for upload, doubt in zip(sent, doubts_of(session, sent), strict=True):
         if doubt is None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy import select
-from sqlalchemy.orm import InstrumentedAttribute
 
 from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError, shown
@@ -33,7 +32,7 @@ from ballscrew.store.histories import read_stored_history
 from ballscrew.store.opened import record
 from ballscrew.store.raw_files import text_files
 from ballscrew.store.reading import find_axis
-from ballscrew.store.tables import EventRow, RunRow, Setup
+from ballscrew.store.tables import EventRow, Setup
 
 router = APIRouter(prefix="/api/v1/axes/{axis}")
 
@@ -41,6 +40,8 @@ READERS: dict[str, Callable[[Path], Any]] = {"axis": read_axis, "plan": read_pla
 """Reader of each kind of document."""
 
 _LONGEST = 1 << 20  # characters of a document
+
+Kind = Literal["runs", "events"]
 
 
 class Schedule(BaseModel):
@@ -153,49 +154,31 @@ def add_axis_events(
     return {"schema": SCHEMA, "axis": axis, "stored": True, "new": added.is_new}
 
 
-@router.post("/runs/{run}/exclusion")
-def exclude_run(
-    axis: str, run: str, body: NewExclusion, caller: AdminCaller, service: RunningService
+@router.post("/{kind}/{subject}/exclusion")
+def exclude_subject(
+    axis: str, kind: Kind, subject: str, body: NewExclusion, caller: AdminCaller, service: RunningService
 ) -> dict[str, Any]:
-    """Exclude a run from the history of an axis, with a reason; it stays in the store."""
-    return _exclude(service, axis, RunRow.run, run, caller, body.reason)
+    """Exclude a run, or an event by its digest, from the history with a reason; it stays in the store."""
+    return _exclude(service, axis, kind, subject, caller, body.reason)
 
 
-@router.delete("/runs/{run}/exclusion")
-def include_run(axis: str, run: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
-    """Include a run that was excluded again."""
-    return _exclude(service, axis, RunRow.run, run, caller, None)
-
-
-@router.post("/events/{event}/exclusion")
-def exclude_event(
-    axis: str, event: str, body: NewExclusion, caller: AdminCaller, service: RunningService
+@router.delete("/{kind}/{subject}/exclusion")
+def include_subject(
+    axis: str, kind: Kind, subject: str, caller: AdminCaller, service: RunningService
 ) -> dict[str, Any]:
-    """Exclude an event, by its digest, from the history of an axis, with a reason; it stays in the store."""
-    return _exclude(service, axis, EventRow.digest, event, caller, body.reason)
-
-
-@router.delete("/events/{event}/exclusion")
-def include_event(axis: str, event: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
-    """Include an event that was excluded again."""
-    return _exclude(service, axis, EventRow.digest, event, caller, None)
+    """Include a run or an event that was excluded again."""
+    return _exclude(service, axis, kind, subject, caller, None)
 
 
 def _exclude(
-    service: Service,
-    axis: str,
-    column: InstrumentedAttribute[str],
-    subject: str,
-    caller: Caller,
-    reason: str | None,
+    service: Service, axis: str, kind: Kind, subject: str, caller: Caller, reason: str | None
 ) -> dict[str, Any]:
     """Exclude a run or an event, or include it where there is no reason, and assess its axis."""
-    subject = _find(service, axis, column, subject, caller)
-    is_run = column is RunRow.run
-    with service.store.read() as session:
-        is_decided = is_run and reason is None and is_part(session, subject)  # a person wants both to count
+    subject = _find(service, axis, kind, subject, caller)
+    with service.store.read() as session:  # a person wants both to count
+        is_decided = kind == "events" or (reason is None and is_part(session, subject))
     exclude(service.store, subject, reason=reason or "", undo=reason is None, by=caller.name)
-    if is_run and not is_decided:
+    if not is_decided:
         with service.store.write("parts") as session:
             update_parts(session, subject, caller.name)
     _assess_soon(service, axis)
@@ -207,7 +190,7 @@ def correct_stored_run(
     axis: str, run: str, body: NewCorrection, caller: AdminCaller, service: RunningService
 ) -> dict[str, Any]:
     """Correct the time or the load of a run; the run as it was stays in the store, and no longer counts."""
-    run = _find(service, axis, RunRow.run, run, caller)
+    run = _find(service, axis, "runs", run, caller)
     if body.measured_at is not None:
         check_time(body.measured_at)
     new = correct_run(
@@ -224,18 +207,17 @@ def correct_stored_run(
     return {"schema": SCHEMA, "axis": axis, "id": new, "supersedes": run}
 
 
-def _find(
-    service: Service, axis: str, column: InstrumentedAttribute[str], subject: str, caller: Caller
-) -> str:
+def _find(service: Service, axis: str, kind: Kind, subject: str, caller: Caller) -> str:
     """Whole id of a run or an event of an axis."""
     with service.store.read() as session:
         row = find_sent_axis(session, axis, caller)
-        if column is RunRow.run:
+        if kind == "runs":
             return locate_run(session, subject, axis=row).id
-        found = session.scalar(select(column).where(column.class_.axis_id == row.id, column == subject))
+        of_axis = (EventRow.axis_id == row.id, EventRow.digest == subject)
+        found = session.scalar(select(EventRow.digest).where(*of_axis))
     if found is None:
         raise RefusedError(404, f"there is no event {shown(subject)} of the axis {shown(axis)}.")
-    return subject
+    return found
 
 
 def _preview(service: Service, axis: str, events: tuple[Event, ...]) -> dict[str, Any]:

@@ -10,11 +10,14 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError
+from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
+from ballscrew.service.jobs import ANALYSE
 from ballscrew.store.changing import SERVER, end_exclusions, insert_exclusion, standing_exclusions
 from ballscrew.store.lamps import CLOCK_TOLERANCE
 from ballscrew.store.reading import current_rows, find_run, newest_version, run_versions
-from ballscrew.store.tables import Axis, Exclusion, RecordingRow, ResultRow, RunRow, Upload
+from ballscrew.store.same_recordings import RecordedRun, check_recordings
+from ballscrew.store.tables import Axis, Exclusion, JobRow, RecordingRow, ResultRow, RunRow, Upload
 
 FAR = 366 * 24 * 3600.0
 """A time that differs by more from the receipt and from every other run of the axis is doubtful, s: a clock
@@ -91,6 +94,49 @@ def doubts_of(session: Session, rows: Sequence[Upload]) -> list[str | None]:
             doubt = doubt_of_time(row.stated.get("measured_at"), row.received_at, others[row.axis_id])
         found.append(doubt)
     return found
+
+
+def check_sent(session: Session, axis: Axis, sent: Upload, run: Run | None) -> None:
+    """Check that a run that was sent has no recording of another one that counts or waits.
+
+    Parameters
+    ----------
+    session : Session
+        Reading.
+    axis : Axis
+        Its axis.
+    sent : Upload
+        How the run was sent.
+    run : Run or None
+        The run, if it was analysed at the machine.
+
+    Raises
+    ------
+    SameRecordingError
+        If it has.
+    """
+    if run is not None:
+        new = RecordedRun.of(run, axis.name)
+    else:
+        new = _recorded(axis.name, sent.key, sent.files, sent.stated)
+    check_recordings(session, new)
+    columns = (Axis.name, Upload.key, Upload.files, Upload.stated)
+    waiting = (
+        select(*columns)
+        .join(Upload, Upload.axis_id == Axis.id)
+        .join(JobRow, JobRow.argument == Upload.content)
+        .where(JobRow.kind == ANALYSE, JobRow.set_aside.is_(False))
+        .where(Upload.run.is_(None), Upload.content != sent.content)
+    )
+    for row in session.execute(waiting.order_by(Upload.id)):
+        new.check(_recorded(*row))
+
+
+def _recorded(axis: str, key: str, files: list[Any] | None, stated: dict[str, Any]) -> RecordedRun:
+    """Run that was sent and is not analysed yet, by its recordings."""
+    names = {file["sha256"]: file["name"] for file in files or ()}
+    channels = stated["documents"].get("channels")
+    return RecordedRun(key, axis, names, stated["measured_at"], stated["mass_kg"], channels, analysed=False)
 
 
 def exclude_as_needed(session: Session, axis: Axis, sent: Upload, *, is_new: bool) -> str | None:

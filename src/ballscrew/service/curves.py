@@ -17,12 +17,12 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.serving import RefusedError
+from ballscrew.store.alarms import alarm_documents
 from ballscrew.store.explaining import find_explanation
 from ballscrew.store.histories import axis_events
 from ballscrew.store.methods import used_results
 from ballscrew.store.reading import current_rows, find_axis, trend
 from ballscrew.store.tables import (
-    AlarmRow,
     Axis,
     CellRow,
     EpochRow,
@@ -53,10 +53,16 @@ def show_trend(axis: str, caller: AdminCaller, service: RunningService) -> Respo
             "runs": _trend_columns(session, row),
             "epochs": _times(session, EpochRow, row, "number", "begins", "ends", "cause", "alarm_at"),
             "events": [event.to_json() for event in axis_events(session, row)],
-            "alarms": _times(session, AlarmRow, row, "began_at", "retracted_at"),
+            "alarms": _alarms(session, row),
             "ahead": (find_explanation(session, row) or {}).get("ahead"),
         }
     return answer_columns(axis, document)
+
+
+def _alarms(session: Session, axis: Axis) -> list[dict[str, Any]]:
+    """Begin of each alarm of an axis, and since when it does not stand."""
+    found = [each for each in alarm_documents(session, axis) if each["kind"] == "axis"]
+    return [{"began_at": each["began_at"], "ended_at": each["ended_at"]} for each in reversed(found)]
 
 
 @router.get("/frequencies")

@@ -106,12 +106,10 @@ def fleet_document(service: Service) -> dict[str, Any]:
 
 
 def _add_missing(document: dict[str, Any], missing: list[str], refusal: str | None) -> None:
-    """What an axis lacks, why its assessment was refused, and its state if it was never assessed."""
+    """What an axis lacks, and why its assessment was refused."""
     document["missing"], document["refusal"] = missing, refusal
     if refusal is not None:
         document["reasons"] = [refusal]
-    if document["assessed_at"] is None:
-        document["state"] = document["urgency"] = "not assessed"
 
 
 def _refusals(session: Session) -> dict[str, str | None]:
@@ -177,8 +175,8 @@ def show_state(axis: str, caller: AdminCaller, service: RunningService) -> dict[
     """State of an axis by its newest assessment; *not assessed* with what is missing."""
     return _named(
         axis_document(service, axis),
-        "axis", "state", "urgency", "last_state", "changed_at", "assessed_at", "newest_at", "alarm_at",
-        "stiffness", "missing", "refusal", "reasons",
+        "axis", "state", "urgency", "last_state", "changed_at", "assessed_at", "newest_at", "assessed_until",
+        "alarm_at", "lamp", "waiting", "stiffness", "missing", "refusal", "reasons",
     )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
 from ballscrew.service.access import AnyCaller, Caller, RunningService, find_sent_axis
 from ballscrew.service.alarms import report_bad_measurement
-from ballscrew.service.counting import doubts_of, exclude_as_needed
+from ballscrew.service.counting import check_sent, doubts_of, exclude_as_needed
 from ballscrew.service.jobs import ANALYSE, enqueue, request_assessment, waiting_runs
 from ballscrew.service.serving import TOO_MANY, RefusedError, Service
 from ballscrew.service.uploads import RunKey, may_send, raw_file
@@ -31,6 +31,7 @@ from ballscrew.store.folder import now
 from ballscrew.store.inserting import insert_run
 from ballscrew.store.opened import record
 from ballscrew.store.raw_files import copy_out, path_of, text_files
+from ballscrew.store.same_recordings import SameRecordingError, is_same_recording
 from ballscrew.store.tables import Axis, Document, RawFile, RunRow, Setup, Source, Upload
 
 router = APIRouter(prefix="/api/v1/axes/{axis}/runs/{run}")
@@ -258,7 +259,8 @@ def _accept_again(
     if sent.sent != row.sent and sent.content != row.content:
         _set_conflict_aside(session, axis, row.key, sent, caller)
         return 409, _conflict_document(row.key, sent)
-    if row.status in (REFUSED, SET_ASIDE) and sent.content != row.content:  # the axis was set up anew
+    is_new = sent.content != row.content  # the axis was set up anew
+    if row.status in (REFUSED, SET_ASIDE) and (is_new or is_same_recording(row.error)):
         row.content, row.stated, row.files = sent.content, sent.stated, sent.files
         return _queue(session, service, axis, row, sent)
     return 200, upload_document(session, row)
@@ -297,6 +299,10 @@ def _queue(
     session: Session, service: Service, axis: Axis, row: Upload, sent: Sent
 ) -> tuple[int, dict[str, Any]]:
     """Job of a run that is new, and the answer; a run that was analysed at the machine needs no job."""
+    try:
+        check_sent(session, axis, row, sent.run)
+    except SameRecordingError as error:
+        raise RefusedError(409, str(error)) from None
     if sent.run is not None:
         store_result(session, axis, [row], sent.run)
         if row.status == CONFLICT:
@@ -358,7 +364,7 @@ def store_result(
     if doubt is None:
         report_bad_measurement(session, axis, run.measured_at or rows[0].received_at, reasons)
     elif reasons:
-        report_bad_measurement(session, axis, rows[0].received_at, reasons)
+        report_bad_measurement(session, axis, rows[0].received_at, reasons, is_dated=False)
     request_assessment(session, axis)
 
 

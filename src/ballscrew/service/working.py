@@ -9,7 +9,7 @@ import signal
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -32,6 +32,7 @@ from ballscrew.store.assessing import MadeAssessment, compute_assessment, store_
 from ballscrew.store.folder import now
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.reading import find_axis
+from ballscrew.store.same_recordings import SameRecordingError
 from ballscrew.store.tables import Axis, JobRow, RawFile, Upload
 
 _log = logging.getLogger("ballscrew.service")
@@ -353,17 +354,26 @@ def _finish_analysis(session: Session, lease: Lease, outcome: str, value: Any) -
         return
     axis = session.get_one(Axis, rows[0].axis_id)
     if outcome == "refused":
-        for row in rows:
-            row.status, row.error, row.finished_at = REFUSED, value, now()
-        record(session, "reject", f"run {rows[0].key}", axis=axis.name, reason=value)
+        _reject(session, axis, rows, value)
         at = rows[0].stated.get("measured_at")
         if doubts_of(session, rows[:1]) != [None]:
             at = None
-        report_bad_measurement(session, axis, at or rows[0].received_at, [str(value)])
+        time = at or rows[0].received_at
+        report_bad_measurement(session, axis, time, [str(value)], is_dated=at is not None)
         return
     document, readers = value
     run = Run.from_json(document, "the run")
-    store_result(session, axis, rows, run, readers)
+    try:
+        store_result(session, axis, rows, run, readers)
+    except SameRecordingError as error:  # no trouble with the measurement
+        _reject(session, axis, rows, str(error))
+
+
+def _reject(session: Session, axis: Axis, rows: Sequence[Upload], reason: str) -> None:
+    """Refuse a run under each of its keys."""
+    for row in rows:
+        row.status, row.error, row.finished_at = REFUSED, reason, now()
+    record(session, "reject", f"run {rows[0].key}", axis=axis.name, reason=reason)
 
 
 def _finish_assessment(session: Session, row: JobRow, made: MadeAssessment) -> None:

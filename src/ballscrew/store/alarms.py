@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -10,7 +11,7 @@ from sqlalchemy.orm import Session
 
 from ballscrew.base.reasons import coded_reason
 from ballscrew.monitoring.epochs import moment
-from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, Trouble
+from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, RunRow, StateRow, Trouble
 
 ENDED = ("ended", "retracted", "closed")
 """States of an alarm or a trouble that does not stand."""
@@ -49,6 +50,39 @@ def alarm_document(session: Session, row: AlarmRow | Trouble) -> dict[str, Any]:
     return _documents(session, false(), Trouble.id == row.id)[0]
 
 
+def alarm_over_at(session: Session, alarm: AlarmRow) -> str | None:
+    """Time of the run by which an alarm is over: the first later one of its epoch that is normal.
+
+    The state of a run after an alarm is normal only after several calm runs; a worn nut has none.
+    """
+    begun = moment(alarm.began_at, "began_at").timestamp()
+    later = select(RunRow.measured_at).join(StateRow, StateRow.run_id == RunRow.id)
+    later = later.where(StateRow.axis_id == alarm.axis_id, StateRow.epoch == alarm.epoch)
+    later = later.where(StateRow.time > begun, StateRow.state == "normal").order_by(StateRow.time)
+    return session.scalar(later.limit(1))
+
+
+def to_close(standing: Sequence[dict[str, Any]], state: str) -> list[str]:
+    """Sentence on each alarm that stands on an axis whose state asks for nothing.
+
+    It is of an epoch before: whether the repair was right is what a person has to state.
+
+    Parameters
+    ----------
+    standing : sequence of dict
+        Alarms and troubles of the axis that stand.
+    state : str
+        State of the axis now.
+    """
+    if state not in ("normal", "learning", "suspect"):
+        return []
+    return [
+        f"Close the alarm of {alarm['began_at'][:10]} with what was found: it still stands."
+        for alarm in standing
+        if alarm["kind"] == "axis"
+    ]
+
+
 def _documents(
     session: Session, of_alarms: ColumnElement[bool], of_troubles: ColumnElement[bool]
 ) -> list[dict[str, Any]]:
@@ -65,8 +99,11 @@ def _documents(
         actions.setdefault(subject, []).append(action)
     found = []
     for alarm, name in session.execute(alarms):
-        common = _text_document(f"alarm-{alarm.id}", name, "axis", "Loss of preload.")
-        found.append(common | _state_document(alarm, alarm.retracted_at, "retracted", actions))
+        document = _text_document(f"alarm-{alarm.id}", name, "axis", "Loss of preload.")
+        document |= _state_document(alarm, alarm.retracted_at, "retracted", actions)
+        if document["state"] not in ENDED and (over := alarm_over_at(session, alarm)) is not None:
+            document |= {"state": "ended", "ended_at": over}
+        found.append(document)
     for trouble, name in session.execute(troubles):
         common = _text_document(f"trouble-{trouble.id}", name, trouble.kind, trouble.text)
         found.append(common | _state_document(trouble, trouble.ended_at, "ended", actions, common["id"]))

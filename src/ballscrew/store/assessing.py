@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from sqlalchemy import delete, insert, select
@@ -25,6 +25,7 @@ from ballscrew.monitoring.state import HealthState, RunState
 from ballscrew.prognosis.duty import DutyRecord
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.monitor import Monitored, monitor
+from ballscrew.store.alarms import ENDED, alarm_documents, to_close
 from ballscrew.store.explaining import explanation
 from ballscrew.store.folder import now
 from ballscrew.store.histories import StoredHistory, batched, history_key, read_stored_history, settings_of
@@ -138,7 +139,11 @@ def monitor_axis(
             return assessed
         with store.write("monitor --store") as session:
             if store_assessment(session, made):
-                return assessed
+                session.flush()
+                alarms = alarm_documents(session, find_axis(session, axis))
+                standing = [alarm for alarm in reversed(alarms) if alarm["state"] not in ENDED]
+                sentences = to_close(standing, made.monitored.state.state)
+                return replace(assessed, notes=(*notes, *sentences))
     raise InputError(f"{store.path}: runs of {axis} are added all the time; try again.")
 
 

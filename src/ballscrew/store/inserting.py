@@ -17,6 +17,7 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
+from ballscrew.store.same_recordings import RecordedRun, check_recordings
 from ballscrew.store.tables import (
     Axis,
     CellRow,
@@ -99,7 +100,8 @@ def insert_run(session: Session, run: Run, revision: int) -> Added:
     Raises
     ------
     InputError
-        If it names no axis, or has no usable id or time.
+        If it names no axis, has no usable id or time, or is new and has a recording of another run that
+        counts.
     """
     if run.axis is None:
         raise InputError(f"{run.name}: names no axis; analyse it with a data sheet (--axis).")
@@ -111,6 +113,7 @@ def insert_run(session: Session, run: Run, revision: int) -> Added:
     content = pack(document)
     notes: tuple[str, ...] = ()
     if row is None:
+        check_recordings(session, RecordedRun.of(run, str(run.axis)))
         notes = _notes(session, run)
         row = _insert_run_row(session, run, axis_row(session, str(run.axis)))
     axis = session.get_one(Axis, row.axis_id)

@@ -13,8 +13,20 @@ from sqlalchemy.orm import Session
 from ballscrew.base.reasons import coded
 from ballscrew.monitoring.epochs import BEGINS, moment
 from ballscrew.report.what_to_do import what_to_do
+from ballscrew.store.alarms import standing_alarms, to_close
 from ballscrew.store.explaining import stored_advice
-from ballscrew.store.tables import Axis, EventRow, Exclusion, Explanation, Setup, Trouble
+from ballscrew.store.tables import (
+    Axis,
+    EventRow,
+    Exclusion,
+    Explanation,
+    JobRow,
+    ResultRow,
+    RunRow,
+    Setup,
+    StateRow,
+    Upload,
+)
 
 URGENCY = {
     "alarm": 0, "unloaded": 0, "watch": 1, "suspect": 2, "unknown": 3, "not assessed": 4, "learning": 5,
@@ -26,6 +38,7 @@ CLOCK_TOLERANCE = 300.0
 """Time by which a run may be measured after its receipt, s: clocks differ."""
 
 _REMAINING = ("alarm", "unloaded", "watch", "suspect", "not assessed", "unknown")
+_MOST_PARAMETERS = 500  # of a statement
 _STALE = timedelta(days=31)  # age of the newest run beyond which an axis without a schedule is unknown
 
 
@@ -68,18 +81,20 @@ EVERY_DAY = RunCalendar()
 def add_lamps(
     session: Session, documents: Sequence[dict[str, Any]], at: datetime, calendar: RunCalendar = EVERY_DAY
 ) -> None:
-    """Add ``lamp``, ``measurement``, ``due_at`` and ``to_do`` to documents of axes.
+    """Add ``lamp``, ``measurement``, ``due_at``, ``waiting`` and ``to_do`` to documents of axes.
 
-    ``measurement`` has the troubles that stand, and whether the newest run is ``recent``, else ``because``.
-    ``to_do`` is a list of sentences with their codes and parameters, see
-    :func:`~ballscrew.report.what_to_do.what_to_do`.
+    ``lamp`` is the state by the assessed runs, also while further ones wait. ``measurement`` has the troubles
+    that stand, whether the newest run is ``recent``, and ``because``: why it is not, or ``"bad"`` where it
+    gives no number, also after its trouble was closed. ``waiting`` is the number of runs that wait for their
+    analysis or assessment, None where nothing waits. ``to_do`` is a list of sentences with their codes and
+    parameters, see :func:`~ballscrew.report.what_to_do.what_to_do`.
 
     Parameters
     ----------
     session : Session
         Reading.
     documents : sequence of dict
-        Of axes, with their names, states and ``newest_at``; what they lack, as far as it is known.
+        Of axes, as :func:`ballscrew.store.reading.assessment_document` has them, with their names.
     at : datetime
         The present time.
     calendar : RunCalendar
@@ -87,34 +102,62 @@ def add_lamps(
     """
     numbers, unassessed = _axes(session)
     setups = {row.axis_id: row for row in session.scalars(select(Setup))}
-    troubles: dict[int, list[dict[str, Any]]] = {}
-    for row in session.scalars(select(Trouble).where(Trouble.ended_at.is_(None)).order_by(Trouble.id)):
-        trouble = {"id": f"trouble-{row.id}", "kind": row.kind, "text": row.text, "began_at": row.began_at}
-        troubles.setdefault(row.axis_id, []).append(trouble)
-    resets = _newest_resets(session)
+    standing = _standing(session)
+    bad = _bad_runs(session, [document["newest_run"] for document in documents])
+    resets, waiting = _newest_resets(session), _waiting(session, documents)
     advice = stored_advice(session, [document["axis"] for document in documents])
     for document in documents:
-        number = numbers[document["axis"]]
+        name, newest, until = document["axis"], document["newest_at"], document["assessed_until"]
+        number = numbers[name]
         setup = setups.get(number)
-        is_future = _is_future(document["newest_at"], at)
-        document["due_at"] = None if is_future else due_at(setup, document["newest_at"], calendar)
-        because = "future" if is_future else _why_not_recent(document, setup, at, calendar)
+        because = _why_not_recent(newest, setup, at, calendar)
+        document["due_at"] = None if because == "future" else due_at(setup, newest, calendar)
+        recent = because is None
+        if recent and document["newest_run"] in bad:
+            because = "bad"
         document["measurement"] = {
-            "troubles": troubles.get(number, []),
-            "recent": because is None,
+            "troubles": _troubles(standing.get(name, [])),
+            "recent": recent,
             "because": because,
         }
+        document["waiting"] = waiting.get(name)
+        because = _why_not_recent(until, setup, at, calendar)
         if because is None and number in unassessed:
             because = "set aside"
-        if _is_reset(document["newest_at"], resets.get(number), at):
+        if _is_reset(until, resets.get(number), at):
             because = "reset"
-        document["lamp"] = _lamp(document["state"], because)
-        document["to_do"] = coded_actions(document, advice.get(document["axis"], ()))
+        document["lamp"] = _lamp(_known_state(document), because)
+        closing = to_close(standing.get(name, []), document["lamp"]["state"])
+        document["to_do"] = coded_actions(document, [*closing, *advice.get(name, ())])
 
 
 def coded_actions(document: dict[str, Any], advice: Sequence[str]) -> list[dict[str, Any]]:
     """What to do on an axis with lamps, as sentences with their codes and parameters."""
     return [coded(sentence) for sentence in what_to_do(document, advice)]
+
+
+def _known_state(document: dict[str, Any]) -> str:
+    """State of an axis; while the assessment of its changed history waits, that before."""
+    state = document["state"]
+    if document["waiting"] is not None and document["changed_at"] is not None:
+        state = document["last_state"] or state
+    return str(state)
+
+
+def _standing(session: Session) -> dict[str, list[dict[str, Any]]]:
+    """Alarms and troubles that stand, the oldest first, by the name of the axis."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for each in reversed(standing_alarms(session)):
+        found.setdefault(each["axis"], []).append(each)
+    return found
+
+
+def _troubles(standing: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    troubles = []
+    for each in standing:
+        if each["kind"] != "axis":
+            troubles.append({name: each[name] for name in ("id", "kind", "text", "began_at")})
+    return troubles
 
 
 def _axes(session: Session) -> tuple[dict[str, int], set[int]]:
@@ -127,6 +170,40 @@ def _axes(session: Session) -> tuple[dict[str, int], set[int]]:
         if state == "suspect":
             unassessed.add(number)
     return numbers, unassessed
+
+
+def _bad_runs(session: Session, runs: Sequence[str | None]) -> set[str]:
+    """Those runs that give no number: by the newest result, or by the assessment."""
+    found: set[str] = set()
+    known = [run for run in runs if run is not None]
+    for start in range(0, len(known), _MOST_PARAMETERS):
+        batch = RunRow.run.in_(known[start : start + _MOST_PARAMETERS])
+        results = select(RunRow.run, ResultRow.verdict).join(ResultRow, ResultRow.run_id == RunRow.id)
+        for run, verdict in session.execute(results.where(batch).order_by(ResultRow.id)):
+            found.discard(run)  # by an earlier result
+            if verdict == "bad":
+                found.add(run)
+        refused = select(RunRow.run).join(StateRow, StateRow.run_id == RunRow.id)
+        found.update(session.scalars(refused.where(batch, StateRow.verdict == "refused")))
+    return found
+
+
+def _waiting(session: Session, documents: Sequence[dict[str, Any]]) -> dict[str, int]:
+    """Number of runs that wait for their analysis or assessment, by the name of an axis with jobs."""
+    jobs = select(JobRow.kind, JobRow.argument).where(JobRow.set_aside.is_(False))
+    assess = {argument for kind, argument in session.execute(jobs) if kind == "assess"}
+    found = dict.fromkeys(assess, 0)
+    for document in documents:
+        if document["axis"] in assess:
+            since = (Axis.name == document["axis"], RunRow.received_at > (document["assessed_at"] or ""))
+            runs = select(func.count()).select_from(RunRow).join(Axis, Axis.id == RunRow.axis_id)
+            found[document["axis"]] = int(session.scalar(runs.where(*since)) or 0)
+    sent = select(Axis.name, func.count(Upload.content.distinct())).join(Upload, Upload.axis_id == Axis.id)
+    sent = sent.join(JobRow, JobRow.argument == Upload.content).group_by(Axis.name)
+    sent = sent.where(JobRow.kind == "analyse", JobRow.set_aside.is_(False), Upload.status == "queued")
+    for name, number in session.execute(sent):
+        found[name] = found.get(name, 0) + number
+    return found
 
 
 def _newest_resets(session: Session) -> dict[int, float]:
@@ -161,16 +238,18 @@ def _is_future(newest: str | None, at: datetime) -> bool:
 
 
 def _why_not_recent(
-    document: dict[str, Any], setup: Setup | None, at: datetime, calendar: RunCalendar
+    newest: str | None, setup: Setup | None, at: datetime, calendar: RunCalendar
 ) -> str | None:
     """Why the newest run of an axis does not show its present state; None where it does."""
-    if document["newest_at"] is None:
+    if newest is None:
         return "no run"
-    if document["due_at"] is not None:
-        grace = timedelta(seconds=(setup.grace_s or 0.0) if setup is not None else 0.0)
-        limit, because = calendar.after(moment(document["due_at"], "due_at"), grace), "overdue"
+    if _is_future(newest, at):
+        return "future"
+    due, because = due_at(setup, newest, calendar), "overdue"
+    if due is not None and setup is not None:
+        limit = calendar.after(moment(due, "due_at"), timedelta(seconds=setup.grace_s or 0.0))
     else:
-        limit, because = moment(document["newest_at"], "newest_at") + _STALE, "old"
+        limit, because = moment(newest, "newest_at") + _STALE, "old"
     return because if at > limit else None
 
 

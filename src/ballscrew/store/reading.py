@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from sqlalchemy import func, select
+from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError, shown
@@ -243,31 +243,59 @@ def list_axes(store: OpenStore) -> dict[str, Any]:
         Document of ``store list --json``.
     """
     with store.read() as session:
+        newest = newest_runs(session)
         found = session.execute(
-            select(Axis.name, Axis.runs, MachineRow.site, MachineRow.name, Axis.changed_at, Assessment)
+            select(Axis, MachineRow.site, MachineRow.name, Assessment)
             .outerjoin(MachineRow, MachineRow.id == Axis.machine_id)
             .outerjoin(Assessment, Assessment.id == Axis.assessment_id)
             .order_by(MachineRow.site, MachineRow.name, Axis.name)
         ).all()
     axes = []
-    for name, runs, site, machine, changed_at, assessment in found:
-        row = {"axis": name, "site": site or None, "machine": machine, "runs": runs}
-        axes.append(row | assessment_document(assessment, changed_at))
+    for axis, site, machine, assessment in found:
+        row = {"axis": axis.name, "site": site or None, "machine": machine, "runs": axis.runs}
+        axes.append(row | assessment_document(assessment, axis.changed_at, newest.get(axis.id)))
     return {"schema": SCHEMA, "axes": axes}
 
 
-def assessment_document(row: Assessment | None, changed_at: str | None) -> dict[str, Any]:
-    """State and forecast of an axis; unknown where it was not assessed since its history has changed."""
+def newest_runs(session: Session, axis: Axis | None = None) -> dict[int, tuple[str, str]]:
+    """Id and time of the newest run that counts of each axis, or of one, by the number of the axis."""
+    of_axis = () if axis is None else (RunRow.axis_id == axis.id,)
+    last = select(RunRow.axis_id, func.max(RunRow.time).label("time")).where(*of_axis)
+    newest = last.group_by(RunRow.axis_id).subquery()
+    is_newest = and_(RunRow.axis_id == newest.c.axis_id, RunRow.time == newest.c.time)
+    runs = select(RunRow.axis_id, RunRow.run, RunRow.measured_at).join(newest, is_newest).order_by(RunRow.run)
+    found = {number: (run, str(time)) for number, run, time in session.execute(runs)}
+    excluded = select(RunRow.axis_id).join(Exclusion, Exclusion.run_id == RunRow.id)
+    excluded = excluded.where(Exclusion.ended_at.is_(None), *of_axis)
+    corrected = select(RunRow.axis_id).where(RunRow.supersedes.is_not(None), *of_axis)
+    for number in set(session.scalars(excluded.union(corrected))):
+        timed = [row for row in current_rows(session, session.get_one(Axis, number)) if row.time is not None]
+        found.pop(number, None)
+        if timed:
+            found[number] = (timed[-1].run, timed[-1].measured_at)
+    return found
+
+
+def assessment_document(
+    row: Assessment | None, changed_at: str | None, newest: tuple[str, str] | None
+) -> dict[str, Any]:
+    """State and forecast of an axis; unknown where it was not assessed since its history has changed.
+
+    ``newest_at`` is the time of its newest run that counts, ``assessed_until`` that of its newest assessed
+    one.
+    """
     document: dict[str, Any] = {"state": "unknown", "urgency": "unknown", "changed_at": changed_at}
+    document["newest_run"], document["newest_at"] = newest or (None, None)
     if row is None:
-        unknown = dict.fromkeys(("last_state", "assessed_at", "newest_at", "alarm_at", "stiffness"))
-        return document | unknown | {"rul_days": {}, "reasons": []}
+        unknown = dict.fromkeys(("last_state", "assessed_at", "assessed_until", "alarm_at", "stiffness"))
+        state = {"state": "not assessed", "urgency": "not assessed"}
+        return document | unknown | state | {"rul_days": {}, "reasons": []}
     if changed_at is None:
         document |= {"state": row.state, "urgency": row.urgency}
     return document | {
         "last_state": row.state,
         "assessed_at": row.made_at,
-        "newest_at": row.newest_at,
+        "assessed_until": row.newest_at,
         "alarm_at": row.alarm_at,
         "stiffness": row.stiffness,
         "rul_days": row.rul_days,

@@ -21,7 +21,7 @@ from ballscrew.report.fleet_blocks import report_blocks, urgency_of
 from ballscrew.report.page import html_report
 from ballscrew.report.pdf_pages import write_pdf
 from ballscrew.report.stored_axis import StoredAxis, state_words
-from ballscrew.store.alarms import ENDED, alarm_documents
+from ballscrew.store.alarms import ENDED, alarm_documents, to_close
 from ballscrew.store.assessing import newest_assessment
 from ballscrew.store.explaining import explanation, find_explanation
 from ballscrew.store.folder import check_outside_stores
@@ -155,7 +155,8 @@ def _read(store: OpenStore, name: str, at: datetime, calendar: RunCalendar) -> S
     monitored, why = _assess(store, document, made)
     if explained is None and monitored is not None:  # of an assessment by an earlier version
         explained = explanation(monitored)
-        document["to_do"] = coded_actions(document, explained["actions"])
+        closing = to_close(alarms[:standing], document["lamp"]["state"])
+        document["to_do"] = coded_actions(document, [*closing, *explained["actions"]])
     return StoredAxis(
         document=document,
         place=place,

@@ -13,6 +13,7 @@ from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import digest
 from ballscrew.modal.amend import SUPERSEDES
 from ballscrew.monitoring.epochs import METHOD_CHANGED, moment
+from ballscrew.store.alarms import alarm_over_at
 from ballscrew.store.histories import axis_events
 from ballscrew.store.lamps import add_lamps
 from ballscrew.store.methods import used_result, used_results
@@ -23,6 +24,7 @@ from ballscrew.store.reading import (
     find_axis,
     find_method,
     find_run,
+    newest_runs,
     run_rows,
     run_versions,
     shared_recordings,
@@ -97,9 +99,13 @@ def axis_document(session: Session, axis: Axis) -> dict[str, Any]:
         "schema": SCHEMA,
         "axis": axis.name,
         "method": None if method is None else {"name": method.name, "revision": method.revision},
-        **assessment_document(assessment, axis.changed_at),
+        **assessment_document(assessment, axis.changed_at, newest_runs(session, axis).get(axis.id)),
         "runs": _runs_document(session, axis, trend(session, axis)),
-        "alarms": [_named(row, "epoch", "began_at", "raised_at", "retracted_at") for row in alarms],
+        "alarms": [
+            _named(row, "epoch", "began_at", "raised_at", "retracted_at")
+            | {"over_at": alarm_over_at(session, row)}
+            for row in alarms
+        ],
         "events": _events_document(session, axis, events),
         "exclusions": [
             {"run": run, "event": event} | _named(row, "reason", "actor", "begun_at", "ended_at")

@@ -12,7 +12,7 @@ from ballscrew.base.errors import BallscrewError
 from ballscrew.monitoring.epochs import BEGINS, KINDS, STEPS
 from ballscrew.service import axes
 from ballscrew.service.access import AdminCaller, RunningService
-from ballscrew.service.axes import NewEvent, NewExclusion
+from ballscrew.service.axes import Kind, NewEvent, NewExclusion
 from ballscrew.service.pages.forms import Outcome, PostedForm, entered, go_to, refusal
 from ballscrew.service.pages.rendering import address_of, render
 from ballscrew.service.reading import axis_document
@@ -20,6 +20,7 @@ from ballscrew.service.serving import Service
 
 router = APIRouter(include_in_schema=False)
 
+_SECTIONS = {"runs": "run", "events": "events"}
 _LABELS = {"at": "The time", "kind": "The kind", "text": "The text", "reason": "The reason"}
 
 
@@ -59,17 +60,18 @@ def post_exclusion(
     request: Request, axis: str, form: PostedForm, caller: AdminCaller, service: RunningService
 ) -> Response:
     """Exclude a run or an event with a reason, or include it again."""
-    subject, of_event = form.get("subject", ""), form.get("of") == "event"
+    subject = form.get("subject", "")
+    kind: Kind = "runs"
+    if form.get("of") == "event":
+        kind = "events"
     try:
         if form.get("do") == "include":
-            include = axes.include_event if of_event else axes.include_run
-            include(axis, subject, caller, service)
+            axes.include_subject(axis, kind, subject, caller, service)
             return go_to(address_of(axis, "actions"), "include")
         body = entered(NewExclusion, _LABELS, reason=form.get("reason", "").strip())
-        exclude = axes.exclude_event if of_event else axes.exclude_run
-        exclude(axis, subject, body, caller, service)
+        axes.exclude_subject(axis, kind, subject, body, caller, service)
     except BallscrewError as error:
-        return _page(request, axis, service, refusal("events" if of_event else "run", error, form))
+        return _page(request, axis, service, refusal(_SECTIONS[kind], error, form))
     return go_to(address_of(axis, "actions"), "exclude")
 
 
