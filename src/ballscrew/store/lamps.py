@@ -153,11 +153,8 @@ def _standing(session: Session) -> dict[str, list[dict[str, Any]]]:
 
 
 def _troubles(standing: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    troubles = []
-    for each in standing:
-        if each["kind"] != "axis":
-            troubles.append({name: each[name] for name in ("id", "kind", "text", "began_at")})
-    return troubles
+    of_measurement = (each for each in standing if each["kind"] != "axis")
+    return [{name: each[name] for name in ("id", "kind", "text", "began_at")} for each in of_measurement]
 
 
 def _axes(session: Session) -> tuple[dict[str, int], set[int]]:
