@@ -20,7 +20,7 @@ from ballscrew.fcft.plan import read_plan
 from ballscrew.monitoring.epochs import Event
 from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.channels import read_channels
-from ballscrew.service.access import AdminCaller, Caller, RunningService, find_sent_axis
+from ballscrew.service.access import AdminCaller, Caller, MaintainerCaller, RunningService, find_sent_axis
 from ballscrew.service.counting import check_time, is_part, update_parts
 from ballscrew.service.jobs import request_assessment
 from ballscrew.service.reading import missing_of
@@ -140,7 +140,12 @@ def add_axis_model(
 
 @router.post("/events")
 def add_axis_events(
-    axis: str, events: list[NewEvent], caller: AdminCaller, service: RunningService, *, preview: bool = False
+    axis: str,
+    events: list[NewEvent],
+    caller: MaintainerCaller,
+    service: RunningService,
+    *,
+    preview: bool = False,
 ) -> dict[str, Any]:
     """Add events on an axis; with ``preview``, only show how the state would change."""
     with service.store.read() as session:
@@ -155,28 +160,28 @@ def add_axis_events(
 
 @router.post("/runs/{run}/exclusion")
 def exclude_run(
-    axis: str, run: str, body: NewExclusion, caller: AdminCaller, service: RunningService
+    axis: str, run: str, body: NewExclusion, caller: MaintainerCaller, service: RunningService
 ) -> dict[str, Any]:
     """Exclude a run from the history of an axis, with a reason; it stays in the store."""
     return _exclude(service, axis, RunRow.run, run, caller, body.reason)
 
 
 @router.delete("/runs/{run}/exclusion")
-def include_run(axis: str, run: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
+def include_run(axis: str, run: str, caller: MaintainerCaller, service: RunningService) -> dict[str, Any]:
     """Include a run that was excluded again."""
     return _exclude(service, axis, RunRow.run, run, caller, None)
 
 
 @router.post("/events/{event}/exclusion")
 def exclude_event(
-    axis: str, event: str, body: NewExclusion, caller: AdminCaller, service: RunningService
+    axis: str, event: str, body: NewExclusion, caller: MaintainerCaller, service: RunningService
 ) -> dict[str, Any]:
     """Exclude an event, by its digest, from the history of an axis, with a reason; it stays in the store."""
     return _exclude(service, axis, EventRow.digest, event, caller, body.reason)
 
 
 @router.delete("/events/{event}/exclusion")
-def include_event(axis: str, event: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
+def include_event(axis: str, event: str, caller: MaintainerCaller, service: RunningService) -> dict[str, Any]:
     """Include an event that was excluded again."""
     return _exclude(service, axis, EventRow.digest, event, caller, None)
 
@@ -204,7 +209,7 @@ def _exclude(
 
 @router.post("/runs/{run}/correct")
 def correct_stored_run(
-    axis: str, run: str, body: NewCorrection, caller: AdminCaller, service: RunningService
+    axis: str, run: str, body: NewCorrection, caller: MaintainerCaller, service: RunningService
 ) -> dict[str, Any]:
     """Correct the time or the load of a run; the run as it was stays in the store, and no longer counts."""
     run = _find(service, axis, RunRow.run, run, caller)

@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session
 from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.base.provenance import digest
 from ballscrew.base.quantity import NORMAL_95
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.comparing import run_of
 from ballscrew.service.on_demand import Responses, not_yet
 from ballscrew.service.serving import RefusedError
@@ -90,7 +90,7 @@ def _cell_file(position: float, condition: str, motion: int) -> str:
 @router.get("/response", response_model=None)
 def show_response(
     run: str,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     results: Responses,
     cell: Annotated[int, Query(ge=0, le=100_000)] = 0,
