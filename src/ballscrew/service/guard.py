@@ -142,7 +142,7 @@ async def _check_form(scope: Scope, receive: Receive) -> Receive:
     headers = Headers(scope=scope)
     if "origin" not in headers and headers.get("sec-fetch-site") != "same-origin":
         raise RefusedError(403, "the request does not state of which site it is (Origin).")
-    if not has_session:
+    if is_for_all(scope["path"]):
         return receive
     given = headers.get(_TOKEN, "").encode()
     if not given and headers.get("content-type", "").startswith(_FORM):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import threading
 import unicodedata
 from collections.abc import Iterator
@@ -54,9 +55,12 @@ def is_password(password: str, stored: str | None) -> bool:
     text = _normal(password)
     if _is_too_long(text):
         text, stored = "", None
+    verified = stored
+    if verified is None:
+        verified = _other_hash(hasher)
     with _turn():
         try:
-            hasher.verify(stored or _other_hash(hasher), text)
+            hasher.verify(verified, text)
         except (VerificationError, InvalidHashError):
             return False
     return stored is not None
@@ -78,8 +82,8 @@ def _is_too_long(text: str) -> bool:
 
 @lru_cache(maxsize=1)
 def _other_hash(of: PasswordHasher) -> str:
-    """Hash of nobody's password."""
-    return of.hash("nobody's password")
+    """Hash of a password that nobody has."""
+    return of.hash(secrets.token_urlsafe())
 
 
 @contextmanager

@@ -78,7 +78,11 @@ def cookie_of(connection: HTTPConnection) -> str | None:
 
 def _cookie_name(connection: HTTPConnection) -> str:
     """Under TLS, a name by which a browser accepts the cookie from this host alone."""
-    return "__Host-ballscrew" if connection.scope["scheme"] == "https" else "ballscrew"
+    return "__Host-ballscrew" if _scheme(connection) == "https" else "ballscrew"
+
+
+def _scheme(connection: HTTPConnection) -> str:
+    return str(connection.scope.get("scheme", "http"))
 
 
 def give_cookie(answer: Response, connection: HTTPConnection, secret: str) -> None:
@@ -92,7 +96,7 @@ def take_cookie(answer: Response, connection: HTTPConnection) -> None:
 
 
 def _attributes(connection: HTTPConnection) -> dict[str, Any]:
-    return {"path": "/", "httponly": True, "samesite": "lax", "secure": connection.scope["scheme"] == "https"}
+    return {"path": "/", "httponly": True, "samesite": "lax", "secure": _scheme(connection) == "https"}
 
 
 def begin_session(

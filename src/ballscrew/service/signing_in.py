@@ -69,8 +69,8 @@ class Throttle:
         by_name, by_address = _keys(name, address)
         with self._turn:
             self._known.pop(by_name, None)
-            failures, until = self._known.get(by_address, (1, 0.0))
-            self._known[by_address] = failures - 1, until
+            failures, _ = self._known.get(by_address, (1, 0.0))
+            self._known[by_address] = failures - 1, self._clock()
 
     def _count(self, key: tuple[str, str], at: float) -> None:
         kind = key[0]
