@@ -50,7 +50,7 @@ def test_a_password_has_twelve_characters_and_at_most_1024_bytes(text: str, is_g
 
 
 def test_an_accent_is_the_same_by_every_keyboard() -> None:
-    assert is_password("cafe\u0301 cafe\u0301 cafe", hash_password("caf\u00e9 caf\u00e9 cafe"))
+    assert is_password("Rene\u0301 and Rene\u0301", hash_password("Ren\u00e9 and Ren\u00e9"))
 
 
 @pytest.mark.parametrize("stored", [None, "", "no hash", "$argon2id$v=19$m=8,t=1,p=1$x$y"])

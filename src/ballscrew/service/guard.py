@@ -14,7 +14,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.types import Message as AsgiMessage
 
 from ballscrew.base.errors import BallscrewError
-from ballscrew.service.access import LOOPBACK, find_caller, host_name
+from ballscrew.service.access import LOOPBACK, Caller, find_caller, host_name
 from ballscrew.service.pages.help_topics import answer_to, is_of_api
 from ballscrew.service.pages.sign_in import is_for_all, local_address
 from ballscrew.service.serving import TOO_LARGE, RefusedError, Service
@@ -135,25 +135,38 @@ async def _check_form(scope: Scope, receive: Receive) -> Receive:
     callable
         By which the body is received: it is read here where the token is a field of the form.
     """
-    caller = scope.get("state", {}).get("caller")
-    has_session = caller is not None and caller.session is not None
-    if scope["method"] in _READING or not (has_session or is_for_all(scope["path"])):
+    caller: Caller | None = scope.get("state", {}).get("caller")
+    if scope["method"] in _READING:
         return receive
     headers = Headers(scope=scope)
-    if "origin" not in headers and headers.get("sec-fetch-site") != "same-origin":
-        raise RefusedError(403, "the request does not state of which site it is (Origin).")
     if is_for_all(scope["path"]):
+        _check_origin(headers)
         return receive
+    if caller is None or caller.session is None:
+        return receive
+    _check_origin(headers)
     given = headers.get(_TOKEN, "").encode()
     if not given and headers.get("content-type", "").startswith(_FORM):
         content = await _read(_LimitedBody(receive).receive)
-        for field in content.split(b"&"):
-            if field.startswith(_FIELD):
-                given = field.removeprefix(_FIELD)
+        given = _token_of(content)
         receive = _again(content, receive)
     if not hmac.compare_digest(given, caller.form_token.encode()):
         raise RefusedError(403, "the form is of an earlier session: load its page again.")
     return receive
+
+
+def _check_origin(headers: Headers) -> None:
+    """Refuse a change that does not state its site; that of another site is refused before."""
+    if "origin" not in headers and headers.get("sec-fetch-site") != "same-origin":
+        raise RefusedError(403, "the request does not state of which site it is (Origin).")
+
+
+def _token_of(form: bytes) -> bytes:
+    """Token that a form contains."""
+    for field in form.split(b"&"):
+        if field.startswith(_FIELD):
+            return field.removeprefix(_FIELD)
+    return b""
 
 
 async def _read(receive: Receive) -> bytes:
