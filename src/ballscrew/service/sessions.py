@@ -161,7 +161,7 @@ def find_session(service: Service, secret: str, *, is_used: bool) -> OpenSession
             select(UserSession, User)
             .join(User, User.id == UserSession.user_id)
             .where(UserSession.digest == digest_of(secret), *_is_open(service.settings))
-        ).one_or_none()
+        ).first()
         if row is None:
             return None
         found, user = row
