@@ -17,6 +17,8 @@ sent_at
 _main
 simulate_multi_level_mass
 simulate_run_to_failure
+list_all
+disable
 # fields that dataclasses.asdict or a loop over names writes to a document
 moving_mass_kg
 viscous_N_s_per_m

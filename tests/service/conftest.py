@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from argon2 import PasswordHasher
 from fastapi.testclient import TestClient
 from tests.simulated_bench import AXIS, PLAN
 from tests.store.stored import RUNS
 
 from ballscrew.base.jsonfile import write_json
+from ballscrew.service import passwords
 from ballscrew.service.app import create_app
 from ballscrew.service.jobs import ASSESS, lease_job
 from ballscrew.service.serving import ServedStore, Service
@@ -36,6 +38,14 @@ FILES = {"a.h5": b"trip 1 " * 1000, "b.h5": b"trip 2 " * 1000}
 
 NewService = Callable[..., Service]
 _NUMBERS = count()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def cheap_hashes() -> Iterator[None]:
+    """Hashes of passwords that cost a millisecond."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(passwords, "hasher", PasswordHasher(time_cost=1, memory_cost=8, parallelism=1))
+        yield
 
 
 @pytest.fixture(scope="session")

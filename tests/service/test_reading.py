@@ -71,7 +71,7 @@ def test_a_machine_finds_only_its_runs(new_service: NewService) -> None:
         client.put("/api/v1/axes/Y axis", json=other)
         send_two(client)
     for machine, status in (("mill 4", 200), ("mill 5", 403)):
-        _, text = create_token(service.store, machine, admin=False)
+        _, text = create_token(service.store, machine)
         with client_of(service, headers={"Authorization": f"Bearer {text}"}) as client:
             for part in ("", "/document"):
                 assert client.get(f"/api/v1/runs/{ID}{part}").status_code == status
@@ -91,7 +91,7 @@ def test_a_machine_that_sends_the_id_of_a_run_of_another_does_not_find_that_run(
         client.put("/api/v1/axes/Y axis", json=other)
         send_result(client, 0, id=ID)
     content = write_json(replace(RUNS[1], id=ID, axis="Y axis").to_json()).encode()
-    _, text = create_token(service.store, "mill 5", admin=False)
+    _, text = create_token(service.store, "mill 5")
     with client_of(service, headers={"Authorization": f"Bearer {text}"}) as client:
         path = "/api/v1/axes/Y axis/runs/copied"
         assert put(client, content, path).status_code == 201
@@ -102,7 +102,7 @@ def test_a_machine_that_sends_the_id_of_a_run_of_another_does_not_find_that_run(
         assert (found["axis"], found["run"]) == ("Y axis", None)
         assert [each["status"] for each in found["sent"]] == ["conflict"]
         assert client.get(f"/api/v1/runs/{sent.json()['id']}/document").status_code == 404
-    _, text = create_token(service.store, "mill 4", admin=False)
+    _, text = create_token(service.store, "mill 4")
     with client_of(service, headers={"Authorization": f"Bearer {text}"}) as client:
         (own,) = client.get(f"/api/v1/runs/{ID}").json()["sent"]
         assert own["run"] == "analysed-0"
@@ -178,3 +178,11 @@ def test_an_axis_of_an_older_store_whose_name_has_a_slash_can_be_read(service: S
     with client_of(service) as client:
         assert [axis["axis"] for axis in client.get("/api/v1/axes").json()["axes"]] == ["X/Y"]
         assert client.get(f"/api/v1/runs/{RUNS[0].id}/cells").status_code == 200
+
+
+@pytest.mark.parametrize("given", ["9" * 5000, "x" * 99, "-1", ""])
+def test_changes_after_what_is_no_number_are_those_from_now_on(service: Service, given: str) -> None:
+    service.stopping.set()
+    with client_of(service) as client:
+        answer = client.get("/api/v1/events", headers={"Last-Event-ID": given})
+    assert (answer.status_code, answer.text) == (200, ": connected\n\n")

@@ -75,11 +75,11 @@ def plant(new_service: NewService, tmp_path: Path, monkeypatch: pytest.MonkeyPat
         monkeypatch.delenv(name, raising=False)
     imitate_analysis(monkeypatch)
     service = new_service(host="0.0.0.0", allow_plain_http=True)  # noqa: S104  so that tokens are needed
-    _, admin = create_token(service.store, None, admin=True)
+    _, admin = create_token(service.store, None, role="admin")
     with client_of(service, headers={"Authorization": f"Bearer {admin}"}) as client:
         assert client.put("/api/v1/axes/bench", json=SETUP).status_code == 200
     token = tmp_path / "token.txt"
-    token.write_text(create_token(service.store, "mill 4", admin=False)[1])
+    token.write_text(create_token(service.store, "mill 4")[1])
     settings = SendSettings(spool=tmp_path / "spool", token_file=token, tries=3)
     app = create_app(service)
     with listening(service, app) as address:
@@ -198,7 +198,7 @@ def test_a_run_with_a_wrong_token_waits_in_the_spool(plant: Plant, run_toml: Pat
     elif kind == "none":
         plant.settings = replace(settings, token_file=None)
     elif kind == "revoked":
-        number, text = create_token(store, "mill 4", admin=False)
+        number, text = create_token(store, "mill 4")
         plant.token.write_text(text)
         revoke_token(store, number)
     else:
@@ -206,7 +206,7 @@ def test_a_run_with_a_wrong_token_waits_in_the_spool(plant: Plant, run_toml: Pat
         local = Service(store, plant.service.settings.model_copy(update={"host": "127.0.0.1"}))
         with client_of(local) as client:
             assert client.put("/api/v1/axes/Y axis", json=other).status_code == 200
-        plant.token.write_text(create_token(store, "mill 5", admin=False)[1])
+        plant.token.write_text(create_token(store, "mill 5")[1])
     result = plant.send(run_toml)
     assert (result.sent, result.rejected, result.waiting) == ((), (), 1)
     assert "'ballscrew token list' at the server" in result.reason

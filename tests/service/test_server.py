@@ -162,7 +162,7 @@ def test_commands_and_a_server_write_tokens_in_turn(service: Service) -> None:
 
     def create(number: int) -> int:
         store = (service.store, beside)[number % 2]
-        return create_token(store, None, admin=True)[0]
+        return create_token(store, None, role="admin")[0]
 
     with DataFolder(service.store.path).locked("serve", serving=True), ThreadPoolExecutor(4) as pool:
         numbers = list(pool.map(create, range(16)))

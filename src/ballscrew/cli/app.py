@@ -30,6 +30,7 @@ from ballscrew.cli.send_app import send
 from ballscrew.cli.serve_app import serve, token
 from ballscrew.cli.simulate_app import simulate
 from ballscrew.cli.store_app import report, reprocess, store
+from ballscrew.cli.user_app import user
 
 app = typer.Typer(
     name="ballscrew",
@@ -352,6 +353,7 @@ app.add_typer(store, name="store")
 app.command(cls=Command, epilog="Example: ballscrew report --data plant --out plant.pdf")(report)
 app.command(cls=Command, epilog="Example: ballscrew serve --data plant")(serve)
 app.add_typer(token, name="token")
+app.add_typer(user, name="user")
 app.command(cls=Command, epilog='Example: ballscrew reprocess "X axis" --store plant --workers 4')(reprocess)
 app.command(
     cls=Command,

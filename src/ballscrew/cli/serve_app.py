@@ -12,7 +12,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from ballscrew.base.errors import DONE, WRONG_INPUT, printable
+from ballscrew.base.errors import DONE, WRONG_INPUT, InputError, printable
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.cli.options import Command, CommandGroup, Json, flag, option
 from ballscrew.cli.output import console, print_json, progress_bar
@@ -76,14 +76,28 @@ def serve(
 @token.command(cls=Command, epilog='Example: ballscrew token create --machine "mill 4"')
 def create(
     data: DataOption = None,
-    admin: Annotated[bool, flag("Of an administrator, who may do everything.", "--admin")] = False,
     machine: Annotated[
         str | None, option("Of a machine, which may only send runs of its axes.", "NAME")
     ] = None,
+    read_only: Annotated[
+        str | None, option("Of a program that only reads, such as a dashboard, by its name.", "NAME")
+    ] = None,
+    role: Annotated[
+        str | None, option("Of a program with a role: viewer, maintainer or admin.", "ROLE")
+    ] = None,
+    admin: Annotated[bool, flag("The same as --role admin: may do everything.", "--admin")] = False,
+    name: Annotated[str, option("What it is for.", "NAME")] = "",
     as_json: Json = False,
 ) -> int:
     """Create a token and print it; it is not stored, and cannot be printed again."""
-    return _create(data, machine, admin=admin, as_json=as_json)
+    given = [each for each in (machine, read_only, role, "admin" if admin else None) if each is not None]
+    if len(given) != 1:
+        raise InputError("give one of --machine NAME, --read-only NAME, --role ROLE and --admin.")
+    if admin:
+        role = "admin"
+    if read_only is not None:
+        role, name = "viewer", read_only
+    return _create(data, machine, role, name, as_json=as_json)
 
 
 @token.command(cls=Command, name="list", epilog="Example: ballscrew token list")
@@ -130,7 +144,8 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path | date) else value
 
 
-def _open(data: Path | None) -> OpenStore:
+def open_store(data: Path | None) -> OpenStore:
+    """Store of a data folder, created if there is none."""
     from ballscrew.service.settings import default_folder
     from ballscrew.store.folder import DataFolder
     from ballscrew.store.opened import OpenStore, create_store
@@ -141,13 +156,13 @@ def _open(data: Path | None) -> OpenStore:
     return OpenStore(folder)
 
 
-def _create(data: Path | None, machine: str | None, *, admin: bool, as_json: bool) -> int:
+def _create(data: Path | None, machine: str | None, role: str | None, name: str, *, as_json: bool) -> int:
     """Create a token and print it once."""
     from ballscrew.service.tokens import create_token
 
-    number, text = create_token(_open(data), machine, admin=admin)
+    number, text = create_token(open_store(data), machine, role=role, name=name)
     if as_json:
-        print_json({"schema": SCHEMA, "id": number, "machine": machine, "token": text})
+        print_json({"schema": SCHEMA, "id": number, "machine": machine, "role": role, "token": text})
     else:
         console().print(text, markup=False, soft_wrap=True)
         sys.stderr.write(f"Token {number}; it cannot be printed again.\n")
@@ -158,17 +173,18 @@ def _list(data: Path | None, *, as_json: bool) -> int:
     """Print the tokens."""
     from ballscrew.service.tokens import list_tokens
 
-    tokens = list_tokens(_open(data))
+    tokens = list_tokens(open_store(data))
     if as_json:
         print_json({"schema": SCHEMA, "tokens": tokens})
         return DONE
     table = Table()
-    for heading in ("number", "of", "created", "revoked"):
+    for heading in ("number", "of", "name", "created", "revoked"):
         table.add_column(heading)
     for row in tokens:
         table.add_row(
             str(row["id"]),
-            "administrator" if row["admin"] else f"machine {escape(row['machine'])}",
+            str(row["role"]) if row["role"] else f"machine {escape(row['machine'])}",
+            escape(row["name"]) or "–",
             row["created_at"],
             row["revoked_at"] or "–",
         )
@@ -180,7 +196,7 @@ def _revoke(data: Path | None, number: int, *, as_json: bool) -> int:
     """Revoke a token."""
     from ballscrew.service.tokens import revoke_token
 
-    revoke_token(_open(data), number)
+    revoke_token(open_store(data), number)
     if as_json:
         print_json({"schema": SCHEMA, "id": number, "revoked": True})
     else:

@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.monitoring.epochs import moment
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import MaintainerCaller, RunningService, ViewerCaller
 from ballscrew.service.counting import doubted_runs, doubts_of
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.settings import ServerSettings
@@ -52,14 +52,14 @@ class Action(BaseModel):
 
 
 @router.get("")
-def list_alarms(caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+def list_alarms(caller: ViewerCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
     """Alarms of all axes, and troubles with their measurements, the newest first."""
     with service.store.read() as session:
         return {"schema": SCHEMA, "alarms": alarm_documents(session)}
 
 
 @router.post("/{alarm}")
-def act(alarm: str, action: Action, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
+def act(alarm: str, action: Action, caller: MaintainerCaller, service: RunningService) -> dict[str, Any]:
     """Acknowledge, shelve, close with a finding, or reopen an alarm; the same again changes nothing."""
     _check(action)
     with service.store.write("alarm") as session:

@@ -22,10 +22,11 @@ from ballscrew.service import (
     tokens,
     uploads,
 )
-from ballscrew.service.access import Guard
 from ballscrew.service.calibrating import Calibrator
+from ballscrew.service.guard import Guard
 from ballscrew.service.on_demand import OnDemand
 from ballscrew.service.pages import (
+    account,
     actions,
     alarm_list,
     axis,
@@ -36,16 +37,20 @@ from ballscrew.service.pages import (
     rendering,
     run,
     setup,
+    sign_in,
     status,
+    users,
 )
 from ballscrew.service.serving import Service, answer_errors
+from ballscrew.service.signing_in import Throttle
 from ballscrew.service.working import Worker
 
 _RESOURCES = (
     uploads, runs, axes, calibrating, curves, reading, comparing, signals, responses, alarms, tokens, health,
 )  # fmt: skip
 _PAGES = (
-    fleet, run, compare, alarm_list, actions, setup, calibration_page, help_topics, status, rendering, axis,
+    fleet, run, compare, alarm_list, actions, setup, calibration_page, help_topics, status, rendering,
+    sign_in, account, users, axis,
 )  # fmt: skip
 # The page of an axis comes last: the name of an axis may contain slashes.
 
@@ -77,13 +82,11 @@ def create_app(service: Service, workers: Sequence[Worker] = ()) -> FastAPI:
     app.state.receiving = set()
     app.state.calibrator = Calibrator(service)
     app.state.signals, app.state.responses = OnDemand(service, "signals"), OnDemand(service, "responses")
-    modules: tuple[ModuleType, ...] = _RESOURCES
-    if service.settings.on_loopback:
-        modules += _PAGES
+    app.state.throttle = Throttle()
+    modules: tuple[ModuleType, ...] = _RESOURCES + _PAGES
     for module in modules:
         app.include_router(module.router)
     answer_errors(app)
-    if service.settings.on_loopback:
-        help_topics.answer_browsers(app)
+    help_topics.answer_browsers(app)
     app.add_middleware(Guard, service=service)
     return app

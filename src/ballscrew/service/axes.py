@@ -19,7 +19,7 @@ from ballscrew.fcft.plan import read_plan
 from ballscrew.monitoring.epochs import Event, moment
 from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.channels import read_channels
-from ballscrew.service.access import AdminCaller, Caller, RunningService, find_sent_axis
+from ballscrew.service.access import AdminCaller, Caller, MaintainerCaller, RunningService, find_sent_axis
 from ballscrew.service.counting import check_time, is_part, update_parts
 from ballscrew.service.jobs import request_assessment
 from ballscrew.service.reading import missing_of
@@ -141,7 +141,12 @@ def add_axis_model(
 
 @router.post("/events")
 def add_axis_events(
-    axis: str, events: list[NewEvent], caller: AdminCaller, service: RunningService, *, preview: bool = False
+    axis: str,
+    events: list[NewEvent],
+    caller: MaintainerCaller,
+    service: RunningService,
+    *,
+    preview: bool = False,
 ) -> dict[str, Any]:
     """Add events on an axis; with ``preview``, only show how the state would change."""
     with service.store.read() as session:
@@ -156,7 +161,7 @@ def add_axis_events(
 
 @router.post("/{kind}/{subject}/exclusion")
 def exclude_subject(
-    axis: str, kind: Kind, subject: str, body: NewExclusion, caller: AdminCaller, service: RunningService
+    axis: str, kind: Kind, subject: str, body: NewExclusion, caller: MaintainerCaller, service: RunningService
 ) -> dict[str, Any]:
     """Exclude a run, or an event by its digest, from the history with a reason; it stays in the store."""
     return _exclude(service, axis, kind, subject, caller, body.reason)
@@ -164,7 +169,7 @@ def exclude_subject(
 
 @router.delete("/{kind}/{subject}/exclusion")
 def include_subject(
-    axis: str, kind: Kind, subject: str, caller: AdminCaller, service: RunningService
+    axis: str, kind: Kind, subject: str, caller: MaintainerCaller, service: RunningService
 ) -> dict[str, Any]:
     """Include a run or an event that was excluded again."""
     return _exclude(service, axis, kind, subject, caller, None)
@@ -187,7 +192,7 @@ def _exclude(
 
 @router.post("/runs/{run}/correct")
 def correct_stored_run(
-    axis: str, run: str, body: NewCorrection, caller: AdminCaller, service: RunningService
+    axis: str, run: str, body: NewCorrection, caller: MaintainerCaller, service: RunningService
 ) -> dict[str, Any]:
     """Correct the time or the load of a run; the run as it was stays in the store, and no longer counts."""
     run = _find(service, axis, "runs", run, caller)

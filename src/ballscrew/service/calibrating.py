@@ -18,7 +18,7 @@ from sqlalchemy import select
 from ballscrew.base.errors import BallscrewError, InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.quantity import Quantity
-from ballscrew.service.access import AdminCaller, RunningService, find_sent_axis
+from ballscrew.service.access import AdminCaller, RunningService, ViewerCaller, find_sent_axis
 from ballscrew.service.runs import setup_texts
 from ballscrew.service.serving import UNAVAILABLE, RefusedError, Service
 from ballscrew.store.methods import used_results
@@ -272,7 +272,7 @@ def start_calibration(
 
 @router.get("")
 def show_calibration(
-    axis: str, caller: AdminCaller, service: RunningService, calibrator: RunningCalibrator
+    axis: str, caller: ViewerCaller, service: RunningService, calibrator: RunningCalibrator
 ) -> dict[str, Any]:
     """Status of the newest calibration of an axis, and its MODEL.json; it is not stored until it is PUT."""
     with service.store.read() as session:

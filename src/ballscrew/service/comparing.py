@@ -17,7 +17,7 @@ from ballscrew.estimation.frequency_change import frequency_changes
 from ballscrew.modal.cell import CellResult
 from ballscrew.modal.run import Run
 from ballscrew.report.canvas import CONDITION_COLOURS
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.serving import RefusedError
 from ballscrew.service.stored_runs import StoredRun, locate_run, neighbours, result_document
 from ballscrew.store.tables import RunRow
@@ -30,7 +30,7 @@ _LEAST = 1e-12  # Hz, of a standard uncertainty that is divided by
 @router.get("/cells")
 def show_cells(
     run: str,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     against: str = "baseline",
     format: Literal["json", "csv"] = "json",  # noqa: A002

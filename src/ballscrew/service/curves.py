@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.serving import RefusedError
 from ballscrew.store.alarms import alarm_documents
 from ballscrew.store.explaining import find_explanation
@@ -40,7 +40,7 @@ _RIGID_BODY = ("coulomb_N", "viscous_N_s_per_m", "equivalent_mass_kg")
 
 
 @router.get("/trend")
-def show_trend(axis: str, caller: AdminCaller, service: RunningService) -> Response:  # noqa: ARG001
+def show_trend(axis: str, caller: ViewerCaller, service: RunningService) -> Response:  # noqa: ARG001
     """Runs of an axis as columns in time order, with epochs, events, alarms and the forecast.
 
     ``runs`` has a column for each quantity: ``stiffness`` and ``nut`` consist of value and 95 % interval,
@@ -66,7 +66,7 @@ def _alarms(session: Session, axis: Axis) -> list[dict[str, Any]]:
 
 
 @router.get("/frequencies")
-def show_frequencies(axis: str, caller: AdminCaller, service: RunningService) -> Response:  # noqa: ARG001
+def show_frequencies(axis: str, caller: ViewerCaller, service: RunningService) -> Response:  # noqa: ARG001
     """Natural frequency of an axis by run and stop: the mean over the cells of the stop.
 
     ``relative`` is that over the baseline: for each cell the median of the runs from which its epoch was
@@ -83,7 +83,7 @@ def show_frequencies(axis: str, caller: AdminCaller, service: RunningService) ->
 
 
 @router.get("/mechanics")
-def show_mechanics(axis: str, caller: AdminCaller, service: RunningService) -> Response:  # noqa: ARG001
+def show_mechanics(axis: str, caller: ViewerCaller, service: RunningService) -> Response:  # noqa: ARG001
     """Friction, equivalent mass and lost motion of an axis by run.
 
     Each consists of the value and its standard uncertainty; lost motion of the median, least and greatest

@@ -40,7 +40,7 @@ from ballscrew.store.opened import OpenStore, create_store
 from ballscrew.store.reading import find_axis
 from ballscrew.store.tables import JobRow, Upload
 
-_CALLER = Caller(SITE, None)
+_CALLER = Caller(SITE, None, "admin")
 _PERIOD, _GRACE = timedelta(days=7), timedelta(days=2)
 _RECEIVED = timedelta(minutes=12)  # after the beginning of a test
 _MODEL_AFTER = timedelta(days=13)  # the first test

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import BallscrewError
 from ballscrew.monitoring.epochs import moment
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.serving import Service
 from ballscrew.service.working import Worker
 from ballscrew.store.tables import Axis, JobRow, ResultRow, Upload
@@ -63,7 +63,7 @@ def unready(service: Service, workers: Sequence[Worker]) -> str | None:
 
 @router.get("/metrics")
 def show_metrics(
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     workers: Workers,
 ) -> PlainTextResponse:

@@ -21,10 +21,11 @@ from starlette.concurrency import run_in_threadpool
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.result import not_executed
-from ballscrew.service.access import AdminCaller, AnyCaller, Caller, RunningService
+from ballscrew.service.access import AnyCaller, Caller, MaintainerCaller, RunningService, ViewerCaller
 from ballscrew.service.jobs import ANALYSE, ASSESS, enqueue, job_documents
 from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_documents
 from ballscrew.service.serving import RefusedError, Service, UnknownAxisError
+from ballscrew.service.sessions import is_session_open
 from ballscrew.service.stored_runs import StoredRun, locate_run, result_document
 from ballscrew.store.explaining import find_explanation
 from ballscrew.store.lamps import add_lamps
@@ -46,6 +47,7 @@ router = APIRouter(prefix="/api/v1")
 _POLL = 0.5  # s between looks for changes
 _QUIET = 15.0  # s after which a line shows that the connection lives
 _MOST_EVENTS = 500  # sent at once
+_ABOUT_PEOPLE = ("user", "token", "somebody")  # beginnings of subjects of the audit
 _COLUMNS = (
     "run", "measured_at", "mass_kg", "temperature_C", "supersedes", "counts", "quality", "state", "epoch",
     "stiffness", "stiffness_low", "stiffness_high", "nut", "nut_low", "nut_high",
@@ -60,7 +62,7 @@ _FLEET_COLUMNS = (
 
 @router.get("/axes", response_model=None)
 def show_axes(
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     format: Literal["json", "csv"] = "json",  # noqa: A002
 ) -> dict[str, Any] | Response:
@@ -144,7 +146,7 @@ def _all_missing(session: Session) -> dict[str, list[str]]:
 
 
 @router.get("/axes/{axis}")
-def show_whole_axis(axis: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+def show_whole_axis(axis: str, caller: ViewerCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
     """An axis: its set-up, its state and forecast, its runs, alarms, events and exclusions."""
     return axis_document(service, axis)
 
@@ -171,7 +173,7 @@ def axis_document(service: Service, axis: str) -> dict[str, Any]:
 
 
 @router.get("/axes/{axis}/state")
-def show_state(axis: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+def show_state(axis: str, caller: ViewerCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
     """State of an axis by its newest assessment; *not assessed* with what is missing."""
     return _named(
         axis_document(service, axis),
@@ -181,7 +183,7 @@ def show_state(axis: str, caller: AdminCaller, service: RunningService) -> dict[
 
 
 @router.get("/axes/{axis}/forecast")
-def show_forecast(axis: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+def show_forecast(axis: str, caller: ViewerCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
     """Remaining useful life of an axis by its newest assessment."""
     document = axis_document(service, axis)
     document["rul_days"] = {"quantiles": document["rul_days"]}
@@ -193,7 +195,7 @@ def _named(document: dict[str, Any], *names: str) -> dict[str, Any]:
 
 
 @router.get("/axes/{axis}/runs")
-def show_runs(axis: str, caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+def show_runs(axis: str, caller: ViewerCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
     """Runs of an axis in time order, and what became of those that were sent, also of conflicts."""
     runs = axis_document(service, axis)["runs"]
     with service.store.read() as session:
@@ -205,7 +207,7 @@ def show_runs(axis: str, caller: AdminCaller, service: RunningService) -> dict[s
 @router.get("/axes/{axis}/history")
 def show_history(
     axis: str,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     format: Literal["json", "csv", "parquet"] = "json",  # noqa: A002
 ) -> Response:
@@ -267,14 +269,14 @@ def _locate_run(session: Session, run: str, caller: Caller) -> StoredRun:
 
 
 @router.get("/jobs")
-def show_jobs(caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
+def show_jobs(caller: ViewerCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
     """Jobs that wait, run, or were set aside with their reasons."""
     with service.store.read() as session:
         return {"schema": SCHEMA, "jobs": job_documents(session)}
 
 
 @router.post("/jobs/{job}/retry")
-def retry_job(job: int, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
+def retry_job(job: int, caller: MaintainerCaller, service: RunningService) -> dict[str, Any]:
     """Try a job again that was set aside."""
     with service.store.write("retry") as session:
         row = session.get(JobRow, job) if job < 1 << 31 else None
@@ -292,20 +294,23 @@ def retry_job(job: int, caller: AdminCaller, service: RunningService) -> dict[st
 
 @router.get("/events")
 def stream_events(
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,
     service: RunningService,
     last_event_id: Annotated[str | None, Header()] = None,
 ) -> StreamingResponse:
-    """Changes as server-sent events, continued after ``Last-Event-ID`` without a gap."""
+    """Changes as server-sent events, continued after ``Last-Event-ID`` without a gap.
+
+    Those of users and tokens are for administrators.
+    """
     after = None
     if last_event_id is not None and re.fullmatch("[0-9]{1,18}", last_event_id):
         after = min(int(last_event_id), 1 << 31)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(_events(service, after), media_type="text/event-stream", headers=headers)
+    return StreamingResponse(_events(service, after, caller), media_type="text/event-stream", headers=headers)
 
 
-async def _events(service: Service, after: int | None) -> AsyncIterator[str]:
-    """Rows of the audit as they are written."""
+async def _events(service: Service, after: int | None, caller: Caller) -> AsyncIterator[str]:
+    """Rows of the audit as they are written, as long as the session of the caller lasts."""
     if after is None:
         after = await run_in_threadpool(_newest, service)
     yield ": connected\n\n"
@@ -313,7 +318,9 @@ async def _events(service: Service, after: int | None) -> AsyncIterator[str]:
     while True:
         if changes != service.changes:
             changes, quiet = service.changes, 0.0
-            rows = await run_in_threadpool(_rows_after, service, after)
+            if not await run_in_threadpool(_is_admitted, service, caller):
+                return
+            rows = await run_in_threadpool(_rows_after, service, after, caller)
             for number, text in rows:
                 after = number
                 yield text
@@ -325,7 +332,7 @@ async def _events(service: Service, after: int | None) -> AsyncIterator[str]:
         await asyncio.sleep(_POLL)
         quiet += _POLL
         if quiet >= _QUIET:
-            quiet = 0.0
+            changes, quiet = -1, 0.0
             yield ": nothing new\n\n"
 
 
@@ -334,11 +341,17 @@ def _newest(service: Service) -> int:
         return session.scalar(select(Audit.id).order_by(Audit.id.desc()).limit(1)) or 0
 
 
-def _rows_after(service: Service, after: int) -> list[tuple[int, str]]:
+def _is_admitted(service: Service, caller: Caller) -> bool:
+    return caller.session is None or is_session_open(service, caller.session)
+
+
+def _rows_after(service: Service, after: int, caller: Caller) -> list[tuple[int, str]]:
+    query = select(Audit).where(Audit.id > after).order_by(Audit.id).limit(_MOST_EVENTS)
+    if not caller.may("admin"):
+        for about in _ABOUT_PEOPLE:
+            query = query.where(Audit.subject.not_like(f"{about} %"))
     with service.store.read() as session:
-        rows = session.scalars(
-            select(Audit).where(Audit.id > after).order_by(Audit.id).limit(_MOST_EVENTS)
-        ).all()
+        rows = session.scalars(query).all()
     found = []
     for row in rows:
         document = {"at": row.at, "action": row.action, "subject": row.subject, **row.detail}

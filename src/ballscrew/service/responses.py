@@ -21,7 +21,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.base.provenance import digest
 from ballscrew.base.quantity import NORMAL_95
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.comparing import run_of
 from ballscrew.service.curves import answer_columns, axis_of, timed_runs, used_columns
 from ballscrew.service.on_demand import OnDemand, Responses, not_yet
@@ -106,7 +106,7 @@ def _cell_file(position: float, condition: str, motion: int) -> str:
 @router.get("/runs/{run}/response", response_model=None)
 def show_response(
     run: str,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     results: Responses,
     cell: Annotated[int, Query(ge=0, le=100_000)] = 0,
@@ -203,7 +203,7 @@ class CellCourse:
 @router.get("/axes/{axis:path}/responses", response_model=None)
 def show_responses(
     axis: str,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     results: Responses,
     cell: Annotated[int, Query(ge=0, le=100_000)] = 0,

@@ -20,7 +20,7 @@ from ballscrew.base.provenance import digest
 from ballscrew.modal.job import Job, RunFile, read_run, timestamp
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
-from ballscrew.service.access import AnyCaller, Caller, RunningService, find_sent_axis
+from ballscrew.service.access import Caller, RunningService, SendingCaller, find_sent_axis
 from ballscrew.service.alarms import report_bad_measurement
 from ballscrew.service.counting import check_sent, doubts_of, exclude_as_needed
 from ballscrew.service.jobs import ANALYSE, enqueue, request_assessment, waiting_runs
@@ -100,7 +100,7 @@ def setup_texts(session: Session, axis: int) -> dict[str, str]:
 
 @router.post("/complete", dependencies=[Depends(may_send)], status_code=202)
 def complete_run(
-    axis: str, run: RunKey, body: Completion, caller: AnyCaller, service: RunningService
+    axis: str, run: RunKey, body: Completion, caller: SendingCaller, service: RunningService
 ) -> JSONResponse:
     """Make files a run and queue its analysis: 202, or 200 if the same content is already there."""
     service.store.check_writable()

@@ -23,6 +23,7 @@ from ballscrew.service.jobs import release_jobs, request_assessment
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings, default_folder, origins, read_settings
 from ballscrew.service.uploads import recover_uploads, remove_unused
+from ballscrew.service.users import LINK_HOURS, address_of_server, first_link
 from ballscrew.service.working import Worker
 from ballscrew.store.folder import DataFolder
 from ballscrew.store.opened import create_store
@@ -98,8 +99,20 @@ def serve(
         if not quiet:
             shown_host = f"[{host}]" if ":" in host else host
             print(f"Serving {folder} at {scheme}://{shown_host}:{port}", flush=True)  # noqa: T201
+        _print_first_link(service, port)
         with _working(service, workers):
             server.run(sockets=[listener])
+
+
+def _print_first_link(service: Service, port: int) -> None:
+    """Print a link for the first administrator, where people must sign in and there is no user."""
+    settings = service.settings
+    if settings.on_loopback and not settings.require_login:
+        return
+    link = first_link(service.store)
+    if link is not None:
+        address = f"{address_of_server(settings, port)}/link/{link}"
+        print(f"The first administrator signs in, once, within {LINK_HOURS} h, at {address}", flush=True)  # noqa: T201
 
 
 @contextmanager

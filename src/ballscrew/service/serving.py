@@ -143,6 +143,7 @@ class Service:
     work: threading.Condition = field(default_factory=threading.Condition)
     refusals: Counter[int] = field(default_factory=Counter)
     turn: threading.Lock = field(default_factory=threading.Lock)
+    token_uses: dict[int, str] = field(default_factory=dict)
 
     @contextmanager
     def computing(self, what: str) -> Iterator[None]:

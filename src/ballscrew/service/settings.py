@@ -49,6 +49,15 @@ class ServerSettings(BaseSettings):
     )
     certificate: Path | None = Field(None, description="Certificate chain for TLS, PEM.")
     private_key: Path | None = Field(None, description="Private key of the certificate, PEM.")
+    require_login: bool = Field(
+        False, description="Require a sign-in or a token on this computer too, before there is a user."
+    )
+    session_idle_h: float = Field(
+        12.0, gt=0, le=8760, description="Time without use after which a person must sign in again, in hours."
+    )
+    session_days: float = Field(
+        30.0, gt=0, le=365, description="Time after which a person must sign in again, in days."
+    )
     max_file_bytes: int = Field(1 << 30, ge=1, description="Largest file that is received.")
     max_queue: int = Field(1000, ge=1, description="Runs that may wait; more are refused with 429.")
     min_free_bytes: int = Field(

@@ -21,7 +21,7 @@ from ballscrew.recording.envelope import read_envelope, write_envelope
 from ballscrew.recording.load import read_recording
 from ballscrew.recording.quantities import INPUTS
 from ballscrew.recording.recording import Recording
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.on_demand import Signals, not_yet
 from ballscrew.service.serving import RefusedError
 from ballscrew.service.stored_runs import RAW_GONE, StoredRun, locate_run, recordings_of, stated_of
@@ -92,7 +92,7 @@ def _origin(recording: Recording) -> float:
 @router.get("/signals", response_model=None)
 def show_signals(
     run: str,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     results: Signals,
     file: Place = 0,

@@ -1,8 +1,8 @@
-"""Tokens of administrators and machines: created, listed and revoked, by command or over HTTP."""
+"""Tokens of machines, and of programs with a role: created, listed and revoked, by command or over HTTP."""
 
 from __future__ import annotations
 
-import secrets
+from collections.abc import Mapping
 from typing import Any
 
 from fastapi import APIRouter, Response
@@ -12,8 +12,10 @@ from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
-from ballscrew.service.access import AdminCaller, RunningService, digest_of
+from ballscrew.service.access import ROLES, AdminCaller, RunningService
 from ballscrew.service.serving import RefusedError
+from ballscrew.service.sessions import digest_of, new_secret
+from ballscrew.service.users import LOCAL, check_role
 from ballscrew.store.folder import now
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.tables import MachineRow, Token
@@ -21,15 +23,16 @@ from ballscrew.store.tables import MachineRow, Token
 router = APIRouter(prefix="/api/v1/tokens")
 
 _BEGIN = "bs_"  # so that a token is recognised where it was pasted by mistake
-_BYTES = 32
-_LOCAL = "local"  # who uses the command line, in the audit
+_LONGEST_NAME = 200
 
 
 class NewToken(BaseModel):
-    """Owner of a new token: either an administrator or a machine."""
+    """Owner of a new token: either a machine, or a program with a role."""
 
     model_config = ConfigDict(extra="forbid")
-    admin: bool = Field(False, description="Of an administrator, who may do everything.")
+    admin: bool = Field(False, description="With the role admin, which may do everything.")
+    role: str | None = Field(None, max_length=20, description="With this role: viewer, maintainer or admin.")
+    name: str = Field("", max_length=200, description="What it is for.")
     machine: str | None = Field(
         None, max_length=200, description="Of the machine of this name, which may only send runs of its axes."
     )
@@ -37,8 +40,8 @@ class NewToken(BaseModel):
 
 @router.get("")
 def show_tokens(caller: AdminCaller, service: RunningService) -> dict[str, Any]:  # noqa: ARG001
-    """Tokens with their machines and times, without the tokens themselves."""
-    return {"schema": SCHEMA, "tokens": list_tokens(service.store)}
+    """Tokens with their owners and times, without the tokens themselves."""
+    return {"schema": SCHEMA, "tokens": list_tokens(service.store, service.token_uses)}
 
 
 @router.post("", status_code=201)
@@ -46,7 +49,12 @@ def add_token(
     new: NewToken, caller: AdminCaller, service: RunningService, response: Response
 ) -> dict[str, Any]:
     """Create a token; this answer alone contains it."""
-    number, text = create_token(service.store, new.machine, admin=new.admin, by=caller.name)
+    role = new.role
+    if new.admin:
+        if role not in (None, ROLES[-1]):
+            raise InputError("a token has either admin or another role.")
+        role = ROLES[-1]
+    number, text = create_token(service.store, new.machine, role=role, name=new.name, by=caller.name)
     response.headers["Cache-Control"] = "no-store"
     return {"schema": SCHEMA, "id": number, "machine": new.machine, "token": text}
 
@@ -61,7 +69,9 @@ def remove_token(token: int, caller: AdminCaller, service: RunningService) -> di
     return {"schema": SCHEMA, "id": token, "revoked": True}
 
 
-def create_token(store: OpenStore, machine: str | None, *, admin: bool, by: str = _LOCAL) -> tuple[int, str]:
+def create_token(
+    store: OpenStore, machine: str | None, *, role: str | None = None, name: str = "", by: str = LOCAL
+) -> tuple[int, str]:
     """Create a token, also while a server holds the store.
 
     Parameters
@@ -70,8 +80,10 @@ def create_token(store: OpenStore, machine: str | None, *, admin: bool, by: str 
         The store.
     machine : str or None
         Name of the machine; the token may then only send runs of its axes.
-    admin : bool
-        Whether it is that of an administrator instead.
+    role : str, optional
+        Instead, what a program may do: one of :data:`ROLES`.
+    name : str
+        What the token is for.
     by : str
         Who creates it, for the audit.
 
@@ -85,16 +97,21 @@ def create_token(store: OpenStore, machine: str | None, *, admin: bool, by: str 
     InputError
         If both or neither are given, there is no such machine, or several have this name.
     """
-    if admin == (machine is not None):
-        raise InputError("a token is that of either an administrator (admin) or a machine (its name).")
-    text = _BEGIN + secrets.token_urlsafe(_BYTES)
+    if (role is None) == (machine is None):
+        raise InputError("a token has either a role (--admin, --read-only) or a machine (its name).")
+    name = name.strip()
+    if not name.isprintable() or len(name) > _LONGEST_NAME:
+        raise InputError(f"the name of a token must have {_LONGEST_NAME} printable characters or fewer.")
+    text = _BEGIN + new_secret()
     with store.write("token create", beside_server=True) as session:
-        row = Token(digest=digest_of(text), machine_id=None, created_at=now(), role="admin")
+        row = Token(digest=digest_of(text), machine_id=None, created_at=now(), name=name or None)
+        if role is not None:
+            row.role = check_role(role)
         if machine is not None:
-            row.machine_id, row.role = _find_machine(session, machine).id, None
+            row.machine_id = _find_machine(session, machine).id
         session.add(row)
         session.flush()
-        record(session, "create", f"token {row.id}", machine=machine, by=by)
+        record(session, "create", f"token {row.id}", machine=machine, role=role, name=name, by=by)
         return row.id, text
 
 
@@ -109,8 +126,21 @@ def _find_machine(session: Session, name: str) -> MachineRow:
     return rows[0]
 
 
-def list_tokens(store: OpenStore) -> list[dict[str, Any]]:
-    """Tokens with their machines and times, without the tokens themselves."""
+def list_tokens(store: OpenStore, uses: Mapping[int, str] | None = None) -> list[dict[str, Any]]:
+    """Tokens with their owners and times, without the tokens themselves.
+
+    Parameters
+    ----------
+    store : OpenStore
+        The store.
+    uses : mapping of int to str, optional
+        Time of the last use by the number of the token.
+
+    Returns
+    -------
+    list of dict
+        By their numbers.
+    """
     with store.read() as session:
         rows = session.execute(
             select(Token, MachineRow.name)
@@ -123,7 +153,10 @@ def list_tokens(store: OpenStore) -> list[dict[str, Any]]:
             {
                 "id": token.id,
                 "machine": machine,
-                "admin": token.machine_id is None,
+                "role": token.role,
+                "name": token.name or "",
+                "admin": token.role == ROLES[-1],
+                "used_at": (uses or {}).get(token.id),
                 "created_at": token.created_at,
                 "revoked_at": token.revoked_at,
             }
@@ -131,7 +164,7 @@ def list_tokens(store: OpenStore) -> list[dict[str, Any]]:
     return found
 
 
-def revoke_token(store: OpenStore, number: int, *, by: str = _LOCAL) -> None:
+def revoke_token(store: OpenStore, number: int, *, by: str = LOCAL) -> None:
     """Revoke a token, also while a server holds the store.
 
     Parameters

@@ -21,7 +21,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
 from ballscrew.base.errors import InputError, shown
-from ballscrew.service.access import AnyCaller, RunningService, find_sent_axis
+from ballscrew.service.access import RunningService, SendingCaller, find_sent_axis
 from ballscrew.service.serving import FULL, TOO_LARGE, UNAVAILABLE, UNPROCESSABLE, RefusedError, Service
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
@@ -54,7 +54,7 @@ class Part:
     total: int | None
 
 
-def may_send(axis: str, caller: AnyCaller, service: RunningService) -> None:
+def may_send(axis: str, caller: SendingCaller, service: RunningService) -> None:
     """Refuse an axis that does not exist, or is not of the caller's machine."""
     with service.store.read() as session:
         find_sent_axis(session, axis, caller)

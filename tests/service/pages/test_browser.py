@@ -50,7 +50,9 @@ PAGES = {
     "/runs/{run}": [f"/runs/{RUN_URL}", "/runs/hostile"],
     "/runs/{run}/signals": [f"/runs/{RUN_URL}/signals"],
     "/setup": ["/setup"],
+    "/sign-in": ["/sign-in"],
     "/status": ["/status"],
+    "/users": ["/users"],
 }
 """Addresses of each route that is a page; those of an axis also with hostile names."""
 
@@ -59,6 +61,9 @@ DOWNLOADS = {
     "/axes/{axis}/calibration/model",
     "/axes/{axis:path}/report.{kind}",
 }
+OF_USERS = {"/account", "/link/{link}"}
+"""In test_browser_users.py: there is no user here."""
+
 ADDRESSES = [address for addresses in PAGES.values() for address in addresses]
 """Of each route the first is opened by every run of the tests, the others by those that are slow."""
 
@@ -139,7 +144,7 @@ def test_the_table_has_every_page() -> None:
         for route in getattr(router, "routes", ()):
             if "GET" in route.methods and not route.path.startswith(("/static/", "/api/")):
                 found.add(route.path)
-    assert found == set(PAGES) | DOWNLOADS
+    assert found == set(PAGES) | DOWNLOADS | OF_USERS
     for path, addresses in PAGES.items():
         assert addresses
         for each in addresses:

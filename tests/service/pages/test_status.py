@@ -60,12 +60,12 @@ def test_each_setting_has_its_value_meaning_and_origin(service: Service) -> None
 def test_tokens_are_counted_and_not_shown(client: TestClient, service: Service) -> None:
     numbers = []
     for machine in (None, "mill 4", "mill 4"):
-        number, token = create_token(service.store, machine, admin=machine is None)
+        number, token = create_token(service.store, machine, role=None if machine else "admin")
         numbers.append(number)
         assert token not in client.get("/status").text
     revoke_token(service.store, numbers[1])
     text = " ".join(client.get("/status").text.split())
-    assert "1 of an administrator, 1 of a machine, 1 revoked" in text
+    assert "1 with a role, 1 of a machine, 1 revoked" in text
 
 
 def test_a_damaged_store_and_a_full_disk_are_stated(new_service: NewService) -> None:

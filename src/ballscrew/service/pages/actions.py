@@ -11,7 +11,7 @@ from fastapi.responses import HTMLResponse, Response
 from ballscrew.base.errors import BallscrewError
 from ballscrew.monitoring.epochs import BEGINS, KINDS, STEPS
 from ballscrew.service import axes
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import MaintainerCaller, RunningService, ViewerCaller
 from ballscrew.service.axes import Kind, NewEvent, NewExclusion
 from ballscrew.service.pages.forms import Outcome, PostedForm, entered, go_to, refusal
 from ballscrew.service.pages.rendering import address_of, render
@@ -28,7 +28,7 @@ _LABELS = {"at": "The time", "kind": "The kind", "text": "The text", "reason": "
 def show_actions(
     request: Request,
     axis: str,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
 ) -> HTMLResponse:
     """Forms of an axis; ``?run=`` chooses a run to exclude."""
@@ -38,7 +38,7 @@ def show_actions(
 
 @router.post("/axes/{axis}/actions/events")
 def post_event(
-    request: Request, axis: str, form: PostedForm, caller: AdminCaller, service: RunningService
+    request: Request, axis: str, form: PostedForm, caller: MaintainerCaller, service: RunningService
 ) -> Response:
     """Add an event, also one that begins a new baseline, or show first how it would change the state."""
     section = "baseline" if form.get("section") == "baseline" else "event"
@@ -57,7 +57,7 @@ def post_event(
 
 @router.post("/axes/{axis}/actions/exclusions")
 def post_exclusion(
-    request: Request, axis: str, form: PostedForm, caller: AdminCaller, service: RunningService
+    request: Request, axis: str, form: PostedForm, caller: MaintainerCaller, service: RunningService
 ) -> Response:
     """Exclude a run or an event with a reason, or include it again."""
     subject = form.get("subject", "")

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, Response
 
 from ballscrew.base.errors import BallscrewError
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import MaintainerCaller, RunningService, ViewerCaller
 from ballscrew.service.alarms import Action, act
 from ballscrew.service.pages.forms import Outcome, PostedForm, entered, go_to, refusal
 from ballscrew.service.pages.rendering import render
@@ -24,7 +24,7 @@ _LABELS = {"action": "The action", "until": "The end of the shelving", "text": "
 @router.get("/alarms")
 def show_alarms(
     request: Request,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
 ) -> HTMLResponse:
     """Alarms and troubles; ``?show=`` and ``?axis=`` select among them."""
@@ -33,7 +33,7 @@ def show_alarms(
 
 @router.post("/alarms/{alarm}")
 def post_action(
-    request: Request, alarm: str, form: PostedForm, caller: AdminCaller, service: RunningService
+    request: Request, alarm: str, form: PostedForm, caller: MaintainerCaller, service: RunningService
 ) -> Response:
     """Acknowledge, shelve, close or reopen an alarm."""
     try:

@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import shown
 from ballscrew.base.provenance import digest
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.pages.rendering import render
 from ballscrew.service.reading import axis_document
 from ballscrew.service.serving import Service, UnknownAxisError
@@ -34,7 +34,7 @@ _TYPES = {"html": "text/html; charset=utf-8", "pdf": "application/pdf"}
 def send_report(
     axis: str,
     kind: Literal["html", "pdf"],
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
 ) -> Response:
     """Report of an axis as a file; 503 while another request computes: no thread waits for its turn."""
@@ -54,7 +54,7 @@ def send_report(
 def show_axis_page(
     axis: str,
     request: Request,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
 ) -> Response:
     """An axis with its curves and tables; ``?part=live`` gives what changes, or 204 if nothing has."""

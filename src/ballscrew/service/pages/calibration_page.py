@@ -14,7 +14,7 @@ from ballscrew.base.jsonfile import write_json
 from ballscrew.base.provenance import digest
 from ballscrew.calibration.calibrated_axis import UNITS, CalibratedAxis
 from ballscrew.calibration.modelfile import model_from_json
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import AdminCaller, RunningService, ViewerCaller
 from ballscrew.service.axes import add_axis_model
 from ballscrew.service.calibrating import (
     MOST_RUNS,
@@ -46,7 +46,7 @@ _SCALES = {"compliance": (1e9, "µm/kN")}  # of a parameter for people, with its
 def show_page(
     request: Request,
     axis: str,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     calibrator: RunningCalibrator,
 ) -> HTMLResponse:
@@ -88,7 +88,7 @@ def post_calibration(
 @router.get("/axes/{axis}/calibration/model")
 def download_model(
     axis: str,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     calibrator: RunningCalibrator,
 ) -> Response:
     """MODEL.json of the newest calibration."""

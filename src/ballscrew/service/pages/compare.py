@@ -11,7 +11,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import shown
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.comparing import cells_document
 from ballscrew.service.pages.rendering import render
 from ballscrew.service.serving import RefusedError
@@ -49,7 +49,7 @@ class Side:
 @router.get("/compare")
 def show_comparison(
     request: Request,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     a: str = "",
     b: str = "",

@@ -12,7 +12,7 @@ from fastapi.responses import HTMLResponse
 from sqlalchemy import BigInteger, cast, select
 from sqlalchemy.orm import Session
 
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.pages.rendering import render
 from ballscrew.service.reading import fleet_document
 from ballscrew.store.alarms import standing_alarms
@@ -28,7 +28,7 @@ _WORST = {"alarm": 0, "unloaded": 0, "watch": 1, "suspect": 2, "learning": 3, "n
 @router.get("/")
 def show_fleet(
     request: Request,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
 ) -> HTMLResponse:
     """Every axis with its lamps, the worst first; ``?part=rows`` gives the table alone."""

@@ -18,6 +18,7 @@ from ballscrew.service.serving import UNPROCESSABLE, RefusedError
 Body = TypeVar("Body", bound=BaseModel)
 
 _MOST_FIELDS = 2000
+_MOST_DIGITS = 10  # of the number of a row
 _SENTENCES = {
     "string_too_short": "{field} must not be empty.",
     "too_short": "{field} must not be empty.",
@@ -111,6 +112,20 @@ def entered(model: type[Body], labels: Mapping[str, str], **values: Any) -> Body
         template = _SENTENCES.get(first["type"], "{field} is not valid.")
         sentence = template.format(field=labels.get(name, name), **first.get("ctx", {}))
         raise InputError(sentence) from None
+
+
+def entered_number(form: Mapping[str, Any], name: str) -> int:
+    """Number of a row that a form states.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    text = str(form.get(name, ""))
+    if not (text.isascii() and text.isdecimal() and len(text) < _MOST_DIGITS):
+        raise InputError(f"The form states no {name}.")
+    return int(text)
 
 
 def refusal(section: str, error: BallscrewError, values: Mapping[str, Any]) -> Outcome:

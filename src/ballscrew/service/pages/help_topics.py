@@ -11,24 +11,26 @@ from fastapi.responses import HTMLResponse, Response
 from starlette.exceptions import HTTPException
 
 from ballscrew.base.errors import BallscrewError, printable, shown
-from ballscrew.service.access import AdminCaller
+from ballscrew.service.access import ViewerCaller
 from ballscrew.service.pages.rendering import render
 from ballscrew.service.serving import UNPROCESSABLE, RefusedError, UnknownAxisError, answer_refusal
 
 router = APIRouter(include_in_schema=False)
+
+_OF_PROGRAMS = ("/livez", "/readyz", "/metrics", "/openapi.json")
 
 TOPICS = ("start", "fleet", "axis", "run", "alarms", "actions", "compare", "signals", "status")
 """Topics of the help, each with a template."""
 
 
 @router.get("/help")
-def show_topics(request: Request, caller: AdminCaller) -> HTMLResponse:
+def show_topics(request: Request, caller: ViewerCaller) -> HTMLResponse:
     """The first steps."""
     return show_help(request, TOPICS[0], caller)
 
 
 @router.get("/help/{topic}")
-def show_help(request: Request, topic: str, caller: AdminCaller) -> HTMLResponse:  # noqa: ARG001
+def show_help(request: Request, topic: str, caller: ViewerCaller) -> HTMLResponse:  # noqa: ARG001
     """Help on a topic."""
     if topic not in TOPICS:
         raise RefusedError(404, f"there is no help on {shown(topic)}.")
@@ -53,9 +55,19 @@ def _answering(before: Any) -> Callable[[Request, Exception], Response]:
     return answer
 
 
+def answer_to(request: Request, error: BallscrewError) -> Response:
+    """Answer to a request that is refused before its route."""
+    return _answering(lambda _, refused: answer_refusal(refused))(request, error)
+
+
+def is_of_api(path: str) -> bool:
+    """Whether an address is of the API, or of what measures the server: no page."""
+    return path.startswith("/api/") or path in _OF_PROGRAMS
+
+
 def is_of_browser(request: Request) -> bool:
     """Whether a page is asked for: not the API, and by a client that reads HTML."""
-    return not request.url.path.startswith("/api/") and "text/html" in request.headers.get("accept", "")
+    return not is_of_api(request.scope["path"]) and "text/html" in request.headers.get("accept", "")
 
 
 def _refusal_page(request: Request, error: Exception) -> HTMLResponse:

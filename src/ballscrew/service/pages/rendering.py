@@ -18,6 +18,7 @@ from babel.numbers import format_decimal
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, Response
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 from ballscrew._version import __version__
 from ballscrew.base.reasons import ReaderLanguage, page_template, translated
@@ -25,6 +26,7 @@ from ballscrew.base.words import interval_words
 from ballscrew.monitoring.epochs import moment
 from ballscrew.report.blocks import short_name
 from ballscrew.report.canvas import STATE_SIGNS
+from ballscrew.service.access import Caller
 from ballscrew.service.serving import RefusedError, service_of
 
 LANGUAGES = ("en", "de")
@@ -72,15 +74,21 @@ def render(request: Request, template: str, status: int = 200, **context: Any) -
         The page, with the headers of all pages.
     """
     language = language_of(request)
+    caller: Caller | None = getattr(request.state, "caller", None)  # none on pages for all
+    token = "" if caller is None else caller.form_token
     text = (
         environment_of(language)
         .get_template(template)
         .render(
-            path=request.url.path,
-            query=request.url.query,
+            path=request.scope["path"],
+            query=_query_of(request),
             language=language,
             switches=_switches(request),
             simulated=service_of(request).store.folder.is_simulated(),
+            may=lambda role: caller is not None and caller.may(role),
+            user=caller.name if token and caller is not None else "",
+            form_token=token,
+            form_field=_form_field(token),
             **context,
         )
     )
@@ -88,6 +96,17 @@ def render(request: Request, template: str, status: int = 200, **context: Any) -
     if request.query_params.get("lang") in LANGUAGES:
         answer.set_cookie(_COOKIE, language, max_age=_YEAR, samesite="strict", httponly=True)
     return answer
+
+
+def _form_field(token: str) -> Markup:
+    """Field of each form that changes something, by which the guard knows the page."""
+    if not token:
+        return Markup()
+    return Markup('<input type="hidden" name="csrf" value="{}">').format(token)
+
+
+def _query_of(request: Request) -> str:
+    return str(request.scope["query_string"].decode("latin-1"))
 
 
 def language_of(request: Request) -> str:
@@ -104,7 +123,7 @@ def language_of(request: Request) -> str:
 
 def _switches(request: Request) -> dict[str, str]:
     """Address of the same page in each language."""
-    present = parse_qsl(request.url.query, keep_blank_values=True)
+    present = parse_qsl(_query_of(request), keep_blank_values=True)
     query = [(name, value) for name, value in present if name != "lang"]
     return {each: "?" + urlencode([*query, ("lang", each)]) for each in LANGUAGES}
 
@@ -132,6 +151,7 @@ def environment_of(language: str) -> Environment:
         number=lambda value, decimals=2: format_number(value, decimals, language),
         percent_of=lambda interval: format_percent(interval, language),
         moment=lambda text: format_moment(text, language),
+        utc=lambda seconds: datetime.fromtimestamp(seconds, UTC).isoformat(timespec="seconds"),
         url=lambda text: quote(str(text), safe=""),
         findings=_FINDINGS.split,
         sentence=lambda text, part=False: page_sentence(text, language, part=part),

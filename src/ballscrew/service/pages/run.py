@@ -13,7 +13,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from ballscrew.report.canvas import CONDITION_COLOURS
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.comparing import cells_document
 from ballscrew.service.pages.rendering import render
 from ballscrew.service.serving import RefusedError
@@ -43,7 +43,7 @@ Cell = Annotated[int | None, Query(ge=0)]
 def show_run_page(
     request: Request,
     run: str,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     against: str = "baseline",
     cell: Cell = None,
@@ -69,7 +69,7 @@ def show_run_page(
 def show_signals_page(
     request: Request,
     run: str,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     file: Annotated[int, Query(ge=0)] = 0,
     cell: Cell = None,

@@ -18,7 +18,7 @@ from ballscrew.fcft.dialect import DIALECTS, find_dialect, plain_ascii
 from ballscrew.fcft.gcode import gcode
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.fcft.planned import PlannedTest, plan
-from ballscrew.service.access import AdminCaller, Caller, RunningService
+from ballscrew.service.access import AdminCaller, Caller, RunningService, ViewerCaller
 from ballscrew.service.axes import AxisSetup, Schedule, set_up_axis
 from ballscrew.service.pages.forms import Outcome, PostedForm, entered, go_to, refusal
 from ballscrew.service.pages.rendering import address_of, render
@@ -71,7 +71,7 @@ def post_new_axis(
 def show_setup(
     request: Request,
     axis: str,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
 ) -> HTMLResponse:
     """Set-up of an axis, with what is missing."""
@@ -96,7 +96,7 @@ def post_setup(
 @router.get("/axes/{axis}/gcode")
 def download_gcode(
     axis: str,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     dialect: str = "iso",
     word: str = "X",

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 from sqlalchemy import func, select
 
-from ballscrew.service.access import AdminCaller, RunningService
+from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.health import Workers, age_s, ready_workers, unready, wal_bytes
 from ballscrew.service.jobs import job_documents
 from ballscrew.service.pages.rendering import render
@@ -27,7 +27,7 @@ _MOST_JOBS = 20
 @router.get("/status")
 def show_status(
     request: Request,
-    caller: AdminCaller,  # noqa: ARG001
+    caller: ViewerCaller,  # noqa: ARG001
     service: RunningService,
     workers: Workers,
 ) -> HTMLResponse:
@@ -68,14 +68,14 @@ def show_status(
 
 
 def _count_tokens(service: Service) -> dict[str, int]:
-    """Number of valid tokens of administrators and of machines, and of those that were revoked."""
-    found = {"admin": 0, "machine": 0, "revoked": 0}
+    """Number of valid tokens with roles and of machines, and of those that were revoked."""
+    found = {"role": 0, "machine": 0, "revoked": 0}
     for token in list_tokens(service.store):
         kind = "machine"
         if token["revoked_at"] is not None:
             kind = "revoked"
-        elif token["admin"]:
-            kind = "admin"
+        elif token["role"] is not None:
+            kind = "role"
         found[kind] += 1
     return found
 

@@ -92,6 +92,7 @@
     return new Promise((resolve, reject) => {
       const request = new XMLHttpRequest();
       request.open("PUT", address);
+      for (const [name, value] of Object.entries(ballscrew.ownHeaders())) request.setRequestHeader(name, value);
       request.upload.addEventListener("progress", (event) => (progress.value = event.loaded / Math.max(1, file.size)));
       request.addEventListener("error", () => reject(new Error(words.connection)));
       request.addEventListener("load", () => {
@@ -232,7 +233,7 @@
       for (const [index, file] of others.entries()) await this.store(base, file, sent[index].sha256);
       const answer = await this.fetch(`${base}/complete`, {
         method: "POST",
-        headers: { "Content-Type": "application/json" },
+        headers: { "Content-Type": "application/json", ...ballscrew.ownHeaders() },
         body: JSON.stringify({ files: sent, run_toml: text, measured_at: measuredAt }),
       });
       if (!answer.ok) throw new Error(await sentenceOf(answer));

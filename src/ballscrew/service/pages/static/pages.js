@@ -170,6 +170,10 @@ const ballscrew = (() => {
     open();
   }
 
+  // What the server expects from its own pages alone.
+  const formToken = () => document.querySelector("meta[name=csrf]")?.content;
+  const ownHeaders = () => (formToken() ? { "X-CSRF-Token": formToken() } : {});
+
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 
   // Data of an address; while the server says when to ask again, it is asked until they are there.
@@ -265,10 +269,11 @@ const ballscrew = (() => {
     window.addEventListener("beforeprint", () => print(true));
     window.addEventListener("afterprint", () => print(false));
     document.addEventListener("click", switchLanguage);
+    document.body.addEventListener("htmx:configRequest", ({ detail }) => Object.assign(detail.headers, ownHeaders()));
     document.body.addEventListener("htmx:afterSwap", (event) => prepare(event.target));
   }
 
   // Scripts of pages, which are deferred too, add their charts before this runs.
   document.addEventListener("DOMContentLoaded", start);
-  return { charts, colour, number, clock, language, sortable, fetched, widthOf, fit, isDark, recolours };
+  return { charts, colour, number, clock, language, sortable, fetched, widthOf, fit, isDark, recolours, ownHeaders };
 })();
