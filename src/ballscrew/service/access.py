@@ -12,13 +12,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 from starlette.requests import HTTPConnection
 
-from ballscrew.base.errors import BallscrewError, shown
+from ballscrew.base.errors import shown
 from ballscrew.service.serving import (
-    TOO_LARGE,
     RefusedError,
     Service,
     UnknownAxisError,
-    answer_refusal,
     service_of,
 )
 from ballscrew.service.sessions import cookie_of, digest_of, find_session
