@@ -19,9 +19,10 @@ from scipy.special import ndtri
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.base.proposals import log_sum
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.families import FAMILIES, Family, FamilyPrior, named_laws
-from ballscrew.prognosis.family_fit import AHEAD, FamilyFit, Paths, fit_family, log_sum, sample_paths
+from ballscrew.prognosis.family_fit import AHEAD, FamilyFit, Paths, fit_family, sample_paths
 from ballscrew.prognosis.forecast import FAN, Forecast, fan_days, least_begun, reach_of
 from ballscrew.prognosis.preload_history import PreloadHistory
 from ballscrew.prognosis.readings import Readings, readings_of

@@ -15,20 +15,39 @@ import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from ballscrew.base.arrays import Array
+from ballscrew.base.proposals import (
+    Proposal,
+    adapted_proposal,
+    effective_number,
+    log_sum,
+    proposals_at_maxima,
+)
 from ballscrew.base.resampling import systematic
-from ballscrew.prognosis.families import NUMBERS, Cloud, Family, FamilyPrior, remaining_part, wear_depth
+from ballscrew.prognosis.families import (
+    NUMBERS,
+    Cloud,
+    Family,
+    FamilyPrior,
+    OnsetScale,
+    remaining_part,
+    wear_depth,
+)
 from ballscrew.prognosis.readings import Readings
 
 AHEAD = (1, 2, 4, 8)
 """Readings ahead by which a family is scored."""
 
-_ROUNDS = 8  # clouds: one of the prior, and those adapted
-_EFFECTIVE = 12.0  # members that count, at least, by which the next cloud is adapted
+_FIRST = 4  # clouds' worth of members of the prior
+_STARTS, _DISTANCE = 4, 1.0  # of them at most, and so far from each other, from which a maximum is sought
+_STEPS = 8  # towards it
+_ROUNDS = 8  # adapted clouds
+_NEWEST = 5.0  # members that count for all readings, over those for fewer
+_EFFECTIVE = 30.0  # members that count, at least, by which the next cloud is adapted
 _WIDER = 1.5  # variance of an adapted cloud over that of the weighted one
-_LEAST_VARIANCE = 0.001  # of an adapted cloud, in standard normal numbers
+_ONSET = 1  # number of the onset
 _LEAST_REMAINING = 0.05  # of x, for dz/dx
 _FEWEST_GAPS = 5  # between readings, before the innovations show how uneven the motion is
-_DISTINCT = 48  # members of a family's paths
+_DISTINCT = 192  # members of a family's paths
 _JITTER = 1e-9  # of a variance, for the factor's sake
 _ANY = 1e30  # variance of a row that is transformed only
 
@@ -73,7 +92,7 @@ class Paths:
 def fit_family(
     family: Family, prior: FamilyPrior, duty: Array, readings: Readings, *, members: int, seed: int
 ) -> FamilyFit:
-    """FamilyFit a family to the readings.
+    """Fit a family to the readings.
 
     Parameters
     ----------
@@ -86,35 +105,32 @@ def fit_family(
     readings : Readings
         n of them.
     members : int
-        Of each round.
+        Of each adapted cloud; the first has four times as many.
     seed : int
         The same seed gives the same members.
 
     Returns
     -------
     FamilyFit
-        With eight times as many members.
+        With thirteen times as many members.
     """
     random = np.random.default_rng([seed, 1])
-    span = float(duty[-1])
-    newest = random.standard_normal((members, NUMBERS))
-    z, proposals, parts = newest, [(np.zeros(NUMBERS), np.eye(NUMBERS))], []
-    for remaining in reversed(range(_ROUNDS)):
-        parts.append(_evidence(family.cloud(newest, prior, span), duty, readings))
-        if not remaining:
-            break
-        gains = np.concatenate([part[0] for part in parts]).sum(axis=1)
-        mean, root = _adapted(z, gains + _importance(z, proposals))
-        proposals.append((mean, root))
-        newest = mean + random.standard_normal((members, NUMBERS)) @ root.T
-        z = np.vstack([z, newest])
-    cloud = family.cloud(z, prior, span)
-    gains, positive, factor, innovation, slope = map(np.concatenate, zip(*parts, strict=True))
-    so_far = np.hstack([_importance(z, proposals)[:, None], gains]).cumsum(axis=1)
-    score, below = _past_forecasts(so_far, factor, innovation, slope)
-    last = so_far[:, -1] + positive
+    target = _Target(family, prior, duty, readings, OnsetScale.of(duty, prior))
+    d = len(family.free)
+    sample = _Sample([], [], [], []).added(Proposal(np.zeros(d), np.eye(d), _FIRST * members), target, random)
+    starts = _starts(sample.points[0], sample.log_density[:, -1])
+    count = max(members // len(starts), 1)
+    for proposal in proposals_at_maxima(target.log_density, starts, count, steps=_STEPS, wider=_WIDER):
+        sample = sample.added(proposal, target, random)
+    for _ in range(_ROUNDS):
+        sample = sample.added(sample.next_proposal(members), target, random)
+    gains, positive, factor, innovation, slope = map(np.concatenate, zip(*sample.evidence, strict=True))
+    log_weight = sample.log_weight
+    score, below = _past_forecasts(log_weight, factor, innovation, slope)
+    weight = np.exp(log_weight[:, -1] - log_sum(log_weight[:, -1]))
     moments = np.mean(innovation**4, axis=1) / np.maximum(np.mean(innovation**2, axis=1) ** 2, 1e-12)
-    return FamilyFit(family, cloud, np.exp(last - log_sum(last)), moments - 3, score, below)
+    cloud = family.cloud(target.numbers(np.vstack(sample.points))[0], prior, float(duty[-1]))
+    return FamilyFit(family, cloud, weight, moments - 3, score, below)
 
 
 def sample_paths(
@@ -173,11 +189,89 @@ def sample_paths(
     return Paths(x, chosen.exponent, chosen.onset, chosen.noise)
 
 
-def log_sum(values: Array, axis: int = 0) -> Array:
-    """Logarithm of the sum of exponentials."""
-    most = values.max(axis=axis, keepdims=True)
-    total = np.log(np.exp(values - most).sum(axis=axis, keepdims=True)) + most
-    return np.asarray(total.squeeze(axis))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Target:
+    """Posterior of a family's members, in the numbers that it uses, with the onset by its scale."""
+
+    family: Family
+    prior: FamilyPrior
+    duty: Array
+    readings: Readings
+    onsets: OnsetScale
+
+    def numbers(self, points: Array) -> tuple[Array, Array]:
+        """Numbers of members, shape (m, 6), and the logarithm of the density of the prior."""
+        z = np.zeros((len(points), NUMBERS))
+        z[:, self.family.free] = points
+        z[:, _ONSET], log_ratio = self.onsets.to_prior(points[:, _ONSET])
+        return z, log_ratio - 0.5 * (points**2).sum(axis=1)
+
+    def evidence(self, points: Array) -> tuple[Array, tuple[Array, ...]]:
+        """Logarithm of the density of the prior, and :func:`_evidence`."""
+        z, log_prior = self.numbers(points)
+        cloud = self.family.cloud(z, self.prior, float(self.duty[-1]))
+        return log_prior, _evidence(cloud, self.duty, self.readings)
+
+    def log_density(self, points: Array) -> Array:
+        """Logarithm of the posterior density, shape (m,)."""
+        log_prior, (gains, positive, *_) = self.evidence(points)
+        return np.asarray(log_prior + gains.sum(axis=1) + positive)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sample:
+    """Members, by their proposals: points, and logarithm of the prior with the evidence."""
+
+    proposals: list[Proposal]
+    points: list[Array]
+    log_prior: list[Array]
+    evidence: list[tuple[Array, ...]]
+
+    def added(self, proposal: Proposal, target: _Target, random: np.random.Generator) -> _Sample:
+        """With the points of one more proposal."""
+        points = proposal.points(random)
+        log_prior, evidence = target.evidence(points)
+        return _Sample(
+            [*self.proposals, proposal],
+            [*self.points, points],
+            [*self.log_prior, log_prior],
+            [*self.evidence, evidence],
+        )
+
+    @property
+    def log_density(self) -> Array:
+        """Logarithm of the density given the first i readings, shape (m, n + 1)."""
+        gains = np.concatenate([part[0] for part in self.evidence])
+        density = np.hstack([np.concatenate(self.log_prior)[:, None], gains]).cumsum(axis=1)
+        density[:, -1] += np.concatenate([part[1] for part in self.evidence])
+        return density
+
+    @property
+    def log_weight(self) -> Array:
+        """Logarithm of :attr:`log_density` over that of the mixture of the proposals."""
+        points = np.vstack(self.points)
+        mixture = log_sum(np.stack([proposal.log_density(points) for proposal in self.proposals]))
+        return np.asarray(self.log_density - mixture[:, None])
+
+    def next_proposal(self, count: int) -> Proposal:
+        """Adapted to the number of readings for which the fewest members count."""
+        log_weight = self.log_weight
+        effective = effective_number(log_weight)
+        effective[-1] /= _NEWEST
+        poorest = log_weight[:, np.argmin(effective)]
+        points = np.vstack(self.points)
+        return adapted_proposal(points, poorest, count, effective=_EFFECTIVE, wider=_WIDER)
+
+
+def _starts(points: Array, log_density: Array) -> Array:
+    """The most probable points at a distance of each other."""
+    starts = points[:0]
+    for point in points[np.argsort(-log_density)]:
+        if (np.linalg.norm(starts - point, axis=1) > _DISTANCE).all():
+            starts = np.vstack([starts, point])
+        if len(starts) == _STARTS:
+            break
+    return starts
 
 
 def _evidence(cloud: Cloud, duty: Array, readings: Readings) -> tuple[Array, ...]:
@@ -276,29 +370,6 @@ def _past_forecasts(so_far: Array, factor: Array, innovation: Array, slope: Arra
             score[target, column] = log_sum(log_weight + density)
             below[target, column] = np.sum(np.exp(log_weight) * ndtr(e), axis=0)
     return score, below
-
-
-def _importance(z: Array, proposals: list[tuple[Array, Array]]) -> Array:
-    """Logarithm of the prior's density over that of the mixture of the proposals."""
-    densities = []
-    for mean, root in proposals:
-        e = np.linalg.solve(root, (z - mean).T)
-        densities.append(-0.5 * (e**2).sum(axis=0) - np.log(np.diag(root)).sum())
-    return np.asarray(-0.5 * (z**2).sum(axis=1) - log_sum(np.array(densities)))
-
-
-def _adapted(z: Array, log_weight: Array) -> tuple[Array, Array]:
-    """Mean and root of the covariance of a weighted cloud, tempered until enough members count."""
-    power = 1.0
-    weight = np.exp(log_weight - log_sum(log_weight))
-    while power > 1e-6 and 1 / (weight**2).sum() < _EFFECTIVE:
-        power *= 0.8
-        weight = np.exp(power * log_weight - log_sum(power * log_weight))
-    mean = weight @ z
-    off = z - mean
-    covariance = (weight[:, None] * off).T @ off
-    root = np.linalg.cholesky(_WIDER * covariance + _LEAST_VARIANCE * np.eye(NUMBERS))
-    return mean, np.asarray(root, dtype=np.float64)
 
 
 def _above(least: Array, uniform: Array) -> Array:
