@@ -224,6 +224,31 @@ def test_the_same_seed_gives_the_same_forecast_and_another_nearly_the_same() -> 
     assert other.quantile(0.5) == pytest.approx(first.quantile(0.5), rel=0.15)
 
 
+def two_years(weeks: int, *, late_run: bool = False) -> PreloadHistory:
+    """A run a week, with wear since week 96; and perhaps a healthy run of the first year that came late."""
+    random = np.random.default_rng(0)
+    days = 7 * np.arange(104.0)
+    level = np.maximum(1 - np.maximum(days / 7 - 96, 0) / 45, 0.05) ** -0.5 - 1
+    level = level + 0.002 * random.standard_normal(104)
+    history = preload_history(days[:weeks], level[:weeks], 0.003)
+    if not late_run:
+        return history
+    days, level = (
+        np.insert(values, 52, new) for values, new in ((history.days, 360.0), (history.level, 0.001))
+    )
+    return preload_history(days, level, 0.003)
+
+
+@pytest.mark.parametrize("weeks", [101, 103])
+def test_one_old_healthy_run_hardly_changes_a_forecast_and_another_seed_neither(weeks: int) -> None:
+    model = FamilyAverage(alarm=True)
+    usual = model.forecast(two_years(weeks), HALF).quantile([0.05, 0.5])
+    late = model.forecast(two_years(weeks, late_run=True), HALF).quantile([0.05, 0.5])
+    seed = replace(model, seed=5).forecast(two_years(weeks), HALF).quantile([0.05, 0.5])
+    for other in (late, seed):
+        assert np.abs(np.log(other / usual)) == pytest.approx([0.0, 0.0], abs=math.log(1.35))
+
+
 def test_first_passages_are_linear_between_the_days() -> None:
     x = np.array([[1.0, 0.8, 0.4], [1.0, 1.0, 1.0], [0.5, 0.4, 0.3]])
     assert first_below(x, np.full(3, 0.6), np.array([0.0, 2.0, 4.0])).tolist() == [3.0, math.inf, 0.0]

@@ -1,4 +1,8 @@
-"""Normal distributions as proposals of importance sampling, by maxima and by weighted points of a density."""
+"""Proposals of importance sampling, by the maxima of a density and by weighted points of it.
+
+They are Student's t distributions: with normal ones a member in the tail has a weight above that of all
+others together.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ballscrew.base.arrays import Array
+from ballscrew.base.resampling import systematic
 
+_FREEDOM = 5.0  # degrees of freedom
+_PLACES, _NEARBY = 16, 0.4  # of a proposal, and variance at each over that of the points
+_WIDER = 1.5  # variance of a proposal over that by the curvature
 _FIRST_PRECISION = 4.0  # in each direction
 _LEAST_PRECISION = 0.5  # of a normal distribution in its widest direction
 _DIFFERENCE = 0.4  # of a standard deviation
@@ -20,30 +28,36 @@ _LEAST_POWER = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """A normal distribution from which a number of points is drawn.
+    """Mixture of Student's t distributions of one covariance, of each of which some points are taken.
 
     Parameters
     ----------
-    mean : ndarray, shape (d,)
-        Its mean.
+    places : ndarray, shape (k, d)
+        Their means.
     root : ndarray, shape (d, d)
-        Cholesky factor of its covariance.
-    count : int
-        Number of points.
+        Cholesky factor of the covariance of their core.
+    each : int
+        Number of points of each.
     """
 
-    mean: Array
+    places: Array
     root: Array
-    count: int
+    each: int
 
     def points(self, random: np.random.Generator) -> Array:
-        """Points, shape (count, d)."""
-        return np.asarray(self.mean + random.standard_normal((self.count, len(self.mean))) @ self.root.T)
+        """Points, shape (k each, d)."""
+        count = self.each * len(self.places)
+        normal = random.standard_normal((count, self.places.shape[1]))
+        spread = np.sqrt(_FREEDOM / random.chisquare(_FREEDOM, count))
+        return np.asarray(np.repeat(self.places, self.each, axis=0) + spread[:, None] * normal @ self.root.T)
 
     def log_density(self, points: Array) -> Array:
-        """Logarithm of its density times its count, at points of shape (m, d); without the factor of 2π."""
-        e = np.linalg.solve(self.root, (points - self.mean).T)
-        return np.asarray(np.log(self.count) - 0.5 * (e**2).sum(axis=0) - np.log(np.diag(self.root)).sum())
+        """Logarithm of their densities times numbers at points of shape (m, d), without a common factor."""
+        d = points.shape[1]
+        off = points[None, :, :] - self.places[:, None, :]
+        e = off @ np.linalg.inv(self.root).T
+        tails = 0.5 * (_FREEDOM + d) * np.log1p((e**2).sum(axis=2) / _FREEDOM)
+        return np.asarray(np.log(self.each) + log_sum(-tails) - np.log(np.diag(self.root)).sum())
 
 
 def log_sum(values: Array, axis: int = 0) -> Array:
@@ -54,15 +68,13 @@ def log_sum(values: Array, axis: int = 0) -> Array:
 
 
 def effective_number(log_weight: Array) -> Array:
-    """Number of equally weighted points that would be as precise as weighted ones, of shape (m,) or (m, k)."""
+    """Number of points of equal weight that are as precise as m weighted ones, shape (m,) or (m, k)."""
     weight = np.exp(log_weight - log_sum(log_weight))
     return np.asarray(1 / (weight**2).sum(axis=0))
 
 
-def adapted_proposal(
-    points: Array, log_weight: Array, count: int, *, effective: float, wider: float
-) -> Proposal:
-    """Proposal with mean and covariance of weighted points.
+def proposal_nearby(points: Array, log_weight: Array, count: int, *, effective: float) -> Proposal:
+    """Proposal that follows weighted points, also where they lie on a curve.
 
     Parameters
     ----------
@@ -71,29 +83,27 @@ def adapted_proposal(
     log_weight : ndarray, shape (m,)
         Logarithm of their weights, to any constant; it is reduced in proportion until enough points count.
     count : int
-        Of the proposal.
+        Number of new points; it is rounded down to a multiple of sixteen.
     effective : float
         Points that count, at least.
-    wider : float
-        Variance of the proposal over that of the points.
 
     Returns
     -------
     Proposal
-        With a positive definite covariance.
+        At sixteen of the points, with part of their covariance.
     """
     power = 1.0
     while power > _LEAST_POWER and effective_number(power * log_weight) < effective:
         power *= 0.8
     weight = np.exp(power * log_weight - log_sum(power * log_weight))
-    mean = weight @ points
-    off = points - mean
-    covariance = wider * (weight[:, None] * off).T @ off + _LEAST_VARIANCE * np.eye(len(mean))
-    return Proposal(mean, np.linalg.cholesky(covariance), count)
+    off = points - weight @ points
+    covariance = _NEARBY * (weight[:, None] * off).T @ off + _LEAST_VARIANCE * np.eye(off.shape[1])
+    chosen = points[systematic(weight, 0.5, _PLACES)]
+    return Proposal(chosen, np.linalg.cholesky(covariance), max(count // _PLACES, 1))
 
 
 def proposals_at_maxima(
-    log_density: Callable[[Array], Array], starts: Array, count: int, *, steps: int, wider: float
+    log_density: Callable[[Array], Array], starts: Array, each: int, *, steps: int
 ) -> list[Proposal]:
     """Proposals with the curvature of a density at its maxima (Laplace's approximation), by Newton's method.
 
@@ -107,12 +117,10 @@ def proposals_at_maxima(
         standard deviation is much above 1.
     starts : ndarray, shape (k, d)
         Points from which a maximum is sought; several may lead to the same.
-    count : int
-        Of each proposal.
+    each : int
+        Number of points of each proposal.
     steps : int
         Steps of Newton's method.
-    wider : float
-        Variance of the proposals over that by the curvature.
 
     Returns
     -------
@@ -134,8 +142,8 @@ def proposals_at_maxima(
         moves = np.concatenate([np.zeros((k, 1, d)), moves, tried], axis=1)
         rows, best = np.arange(k), np.argmax(value, axis=1)
         place, height = place + moves[rows, best], value[rows, best]
-    roots = np.linalg.cholesky(wider * np.linalg.inv(precision))
-    return [Proposal(mean, root, count) for mean, root in zip(place, roots, strict=True)]
+    roots = np.linalg.cholesky(_WIDER * np.linalg.inv(precision))
+    return [Proposal(mean[None], root, each) for mean, root in zip(place, roots, strict=True)]
 
 
 def _moves(size: Array) -> Array:

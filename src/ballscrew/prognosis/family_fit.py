@@ -17,9 +17,9 @@ from scipy.special import log_ndtr, ndtr, ndtri
 from ballscrew.base.arrays import Array
 from ballscrew.base.proposals import (
     Proposal,
-    adapted_proposal,
     effective_number,
     log_sum,
+    proposal_nearby,
     proposals_at_maxima,
 )
 from ballscrew.base.resampling import systematic
@@ -40,10 +40,10 @@ AHEAD = (1, 2, 4, 8)
 _FIRST = 4  # clouds' worth of members of the prior
 _STARTS, _DISTANCE = 4, 1.0  # of them at most, and so far from each other, from which a maximum is sought
 _STEPS = 8  # towards it
-_ROUNDS = 8  # adapted clouds
-_NEWEST = 5.0  # members that count for all readings, over those for fewer
+_MOST_ROUNDS = 16  # adapted clouds
+_ENOUGH = 20.0  # effective number of members for any number of readings at which no more are added
+_NEWEST = 5.0  # the same for all readings, over that
 _EFFECTIVE = 30.0  # members that count, at least, by which the next cloud is adapted
-_WIDER = 1.5  # variance of an adapted cloud over that of the weighted one
 _ONSET = 1  # number of the onset
 _LEAST_REMAINING = 0.05  # of x, for dz/dx
 _FEWEST_GAPS = 5  # between readings, before the innovations show how uneven the motion is
@@ -112,25 +112,17 @@ def fit_family(
     Returns
     -------
     FamilyFit
-        With thirteen times as many members.
+        With at most twenty-one times as many members.
     """
     random = np.random.default_rng([seed, 1])
     target = _Target(family, prior, duty, readings, OnsetScale.of(duty, prior))
-    d = len(family.free)
-    sample = _Sample([], [], [], []).added(Proposal(np.zeros(d), np.eye(d), _FIRST * members), target, random)
-    starts = _starts(sample.points[0], sample.log_density[:, -1])
-    count = max(members // len(starts), 1)
-    for proposal in proposals_at_maxima(target.log_density, starts, count, steps=_STEPS, wider=_WIDER):
-        sample = sample.added(proposal, target, random)
-    for _ in range(_ROUNDS):
-        sample = sample.added(sample.next_proposal(members), target, random)
-    gains, positive, factor, innovation, slope = map(np.concatenate, zip(*sample.evidence, strict=True))
-    log_weight = sample.log_weight
-    score, below = _past_forecasts(log_weight, factor, innovation, slope)
-    weight = np.exp(log_weight[:, -1] - log_sum(log_weight[:, -1]))
+    sample = _sampled(target, members, random)
+    factor, innovation, slope = map(np.concatenate, zip(*sample.evidence, strict=True))
+    score, below = _past_forecasts(sample.log_weight, factor, innovation, slope)
+    last = sample.log_weight[:, -1]
     moments = np.mean(innovation**4, axis=1) / np.maximum(np.mean(innovation**2, axis=1) ** 2, 1e-12)
-    cloud = family.cloud(target.numbers(np.vstack(sample.points))[0], prior, float(duty[-1]))
-    return FamilyFit(family, cloud, weight, moments - 3, score, below)
+    cloud = family.cloud(target.numbers(sample.points)[0], prior, float(duty[-1]))
+    return FamilyFit(family, cloud, np.exp(last - log_sum(last)), moments - 3, score, below)
 
 
 def sample_paths(
@@ -207,60 +199,82 @@ class _Target:
         return z, log_ratio - 0.5 * (points**2).sum(axis=1)
 
     def evidence(self, points: Array) -> tuple[Array, tuple[Array, ...]]:
-        """Logarithm of the density of the prior, and :func:`_evidence`."""
+        """Logarithm of the posterior density after each number of readings, and :func:`_evidence`."""
         z, log_prior = self.numbers(points)
         cloud = self.family.cloud(z, self.prior, float(self.duty[-1]))
-        return log_prior, _evidence(cloud, self.duty, self.readings)
+        gains, positive, *others = _evidence(cloud, self.duty, self.readings)
+        log_density = np.hstack([log_prior[:, None], gains]).cumsum(axis=1)
+        log_density[:, -1] += positive
+        return log_density, tuple(others)
 
     def log_density(self, points: Array) -> Array:
         """Logarithm of the posterior density, shape (m,)."""
-        log_prior, (gains, positive, *_) = self.evidence(points)
-        return np.asarray(log_prior + gains.sum(axis=1) + positive)
+        return np.asarray(self.evidence(points)[0][:, -1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sample:
-    """Members, by their proposals: points, and logarithm of the prior with the evidence."""
+    """M members of all proposals.
+
+    ``mixture`` is the logarithm of the density of all proposals, and column i of ``log_density`` that of the
+    posterior after i readings.
+    """
 
     proposals: list[Proposal]
-    points: list[Array]
-    log_prior: list[Array]
+    points: Array
+    mixture: Array
+    log_density: Array
     evidence: list[tuple[Array, ...]]
 
-    def added(self, proposal: Proposal, target: _Target, random: np.random.Generator) -> _Sample:
-        """With the points of one more proposal."""
+    @classmethod
+    def of(cls, proposal: Proposal, target: _Target, random: np.random.Generator) -> _Sample:
+        """Members of one proposal."""
         points = proposal.points(random)
-        log_prior, evidence = target.evidence(points)
+        log_density, evidence = target.evidence(points)
+        return cls([proposal], points, proposal.log_density(points), log_density, [evidence])
+
+    def added(self, proposal: Proposal, target: _Target, random: np.random.Generator) -> _Sample:
+        """With those of one more proposal."""
+        new = _Sample.of(proposal, target, random)
+        before = log_sum(np.stack([each.log_density(new.points) for each in self.proposals]))
+        of_before = np.logaddexp(self.mixture, proposal.log_density(self.points))
         return _Sample(
             [*self.proposals, proposal],
-            [*self.points, points],
-            [*self.log_prior, log_prior],
-            [*self.evidence, evidence],
+            np.vstack([self.points, new.points]),
+            np.append(of_before, np.logaddexp(before, new.mixture)),
+            np.vstack([self.log_density, new.log_density]),
+            self.evidence + new.evidence,
         )
 
     @property
-    def log_density(self) -> Array:
-        """Logarithm of the density given the first i readings, shape (m, n + 1)."""
-        gains = np.concatenate([part[0] for part in self.evidence])
-        density = np.hstack([np.concatenate(self.log_prior)[:, None], gains]).cumsum(axis=1)
-        density[:, -1] += np.concatenate([part[1] for part in self.evidence])
-        return density
-
-    @property
     def log_weight(self) -> Array:
-        """Logarithm of :attr:`log_density` over that of the mixture of the proposals."""
-        points = np.vstack(self.points)
-        mixture = log_sum(np.stack([proposal.log_density(points) for proposal in self.proposals]))
-        return np.asarray(self.log_density - mixture[:, None])
+        """Logarithm of the weights after each number of readings, shape (m, n + 1)."""
+        return np.asarray(self.log_density - self.mixture[:, None])
 
-    def next_proposal(self, count: int) -> Proposal:
-        """Adapted to the number of readings for which the fewest members count."""
-        log_weight = self.log_weight
+
+def _sampled(target: _Target, members: int, random: np.random.Generator) -> _Sample:
+    """Members of the prior, at maxima of the posterior, and near those that count, until enough of them do.
+
+    Past forecasts need the posterior after each number of readings.
+    """
+    d = len(target.family.free)
+    sample = _Sample.of(Proposal(np.zeros((1, d)), np.eye(d), _FIRST * members), target, random)
+    starts = _starts(sample.points, sample.log_density[:, -1])
+    each = max(members // len(starts), 1)
+    for proposal in proposals_at_maxima(target.log_density, starts, each, steps=_STEPS):
+        sample = sample.added(proposal, target, random)
+    for turn in range(_MOST_ROUNDS):
+        log_weight = sample.log_weight
         effective = effective_number(log_weight)
         effective[-1] /= _NEWEST
-        poorest = log_weight[:, np.argmin(effective)]
-        points = np.vstack(self.points)
-        return adapted_proposal(points, poorest, count, effective=_EFFECTIVE, wider=_WIDER)
+        readings = int(np.argmin(effective))
+        if effective[readings] > _ENOUGH:
+            break
+        if turn % 2 == 0 and effective[-1] < _ENOUGH:
+            readings = -1
+        nearby = proposal_nearby(sample.points, log_weight[:, readings], members, effective=_EFFECTIVE)
+        sample = sample.added(nearby, target, random)
+    return sample
 
 
 def _starts(points: Array, log_density: Array) -> Array:
