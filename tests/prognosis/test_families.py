@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.special import ndtr, ndtri
 
 from ballscrew.axis.wear import WEAR_LAWS
 from ballscrew.prognosis.families import (
@@ -14,7 +13,6 @@ from ballscrew.prognosis.families import (
     LAW_EXPONENTS,
     NUMBERS,
     FamilyPrior,
-    OnsetScale,
     named_laws,
     remaining_part,
     wear_depth,
@@ -68,31 +66,6 @@ def test_the_pace_of_each_family() -> None:
 def test_the_nearest_law_is_named() -> None:
     result = named_laws(np.array([0.1, 0.4, 0.5, 1.4]))
     assert result == {"external-load": 0.25, "contact-pressure": 0.5, "exponential": 0, "preload": 0.25}
-
-
-WEEKS = 7.0 * np.arange(104)
-EVEN = ndtri((np.arange(20_000) + 0.5) / 20_000)  # of a standard normal distribution
-
-
-def test_the_onset_scale_has_as_many_onsets_in_the_last_weeks_as_in_the_first_ones() -> None:
-    """Half of them: by the prior alone, 0.2 % of all members begin to wear in the last eight weeks."""
-    number, log_ratio = OnsetScale.of(WEEKS, PRIOR).to_prior(EVEN)
-    begin = ndtr(number)
-    onset = PRIOR.onset * begin / (1 - begin)
-    late = (onset > WEEKS[-9]) & (onset < WEEKS[-1])
-    assert late.mean() == pytest.approx(0.5 * 8 / 103, rel=0.1)
-    by_prior = np.diff(WEEKS[[-9, -1]] / (PRIOR.onset + WEEKS[[-9, -1]]))
-    assert np.mean(late * np.exp(log_ratio)) == pytest.approx(by_prior[0], rel=0.02)
-    assert np.mean(np.exp(log_ratio)) == pytest.approx(1.0, rel=1e-3)
-
-
-@pytest.mark.parametrize("duty", [WEEKS, np.zeros(1), np.zeros(4), np.array([0.0, 1e-3, 1e-3, 5000.0])])
-def test_beyond_the_last_reading_the_onset_scale_is_the_prior(duty: np.ndarray) -> None:
-    number, log_ratio = OnsetScale.of(duty, PRIOR).to_prior(EVEN)
-    assert (np.diff(number) >= 0).all()
-    beyond = ndtr(EVEN) > duty[-1] / (PRIOR.onset + duty[-1])
-    assert number[beyond] == pytest.approx(EVEN[beyond], abs=1e-6)
-    assert (log_ratio[beyond] == 0).all()
 
 
 def test_a_family_names_the_numbers_it_uses() -> None:

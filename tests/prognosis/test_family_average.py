@@ -13,7 +13,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.families import FAMILIES, NUMBERS, FamilyPrior
 from ballscrew.prognosis.family_average import FamilyAverage, first_below, weigh_families
-from ballscrew.prognosis.family_fit import AHEAD, FamilyFit
+from ballscrew.prognosis.family_process import AHEAD, FamilyFit
 from ballscrew.prognosis.forecast import FAN
 from ballscrew.prognosis.preload_history import PreloadHistory, preload_history
 

@@ -7,11 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import ndtr, ndtri
 from scipy.stats import multivariate_normal
 from tests.prognosis.lives import made
 
 from ballscrew.prognosis.families import FAMILIES, Family, FamilyPrior
-from ballscrew.prognosis.family_fit import fit_family, sample_paths
+from ballscrew.prognosis.family_fit import OnsetScale, fit_family
+from ballscrew.prognosis.family_process import sample_paths
 from ballscrew.prognosis.preload_history import preload_history
 from ballscrew.prognosis.readings import Readings, readings_of
 
@@ -21,6 +23,7 @@ ONE = FamilyPrior(
 )
 LINE = Family("straight line")
 READINGS = replace(readings_of(made(30), 50), warmer=np.zeros(31))
+PRIOR = FamilyPrior()
 
 
 def covariance() -> np.ndarray:
@@ -112,3 +115,28 @@ def test_the_family_that_made_the_readings_scores_best() -> None:
         fit = fit_family(family, FamilyPrior(), readings.days, readings, members=40, seed=1)
         score[family.name] = float(np.nanmean(fit.score[20:]))
     assert max(score, key=lambda name: score[name]) == "exponential"
+
+
+WEEKS = 7.0 * np.arange(104)
+EVEN = ndtri((np.arange(20_000) + 0.5) / 20_000)  # of a standard normal distribution
+
+
+def test_the_onset_scale_has_as_many_onsets_in_the_last_weeks_as_in_the_first_ones() -> None:
+    """Half of them: by the prior alone, 0.2 % of all members begin to wear in the last eight weeks."""
+    number, log_ratio = OnsetScale.of(WEEKS, PRIOR).to_prior(EVEN)
+    begin = ndtr(number)
+    onset = PRIOR.onset * begin / (1 - begin)
+    late = (onset > WEEKS[-9]) & (onset < WEEKS[-1])
+    assert late.mean() == pytest.approx(0.5 * 8 / 103, rel=0.1)
+    by_prior = np.diff(WEEKS[[-9, -1]] / (PRIOR.onset + WEEKS[[-9, -1]]))
+    assert np.mean(late * np.exp(log_ratio)) == pytest.approx(by_prior[0], rel=0.02)
+    assert np.mean(np.exp(log_ratio)) == pytest.approx(1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("duty", [WEEKS, np.zeros(1), np.zeros(4), np.array([0.0, 1e-3, 1e-3, 5000.0])])
+def test_beyond_the_last_reading_the_onset_scale_is_the_prior(duty: np.ndarray) -> None:
+    number, log_ratio = OnsetScale.of(duty, PRIOR).to_prior(EVEN)
+    assert (np.diff(number) >= 0).all()
+    beyond = ndtr(EVEN) > duty[-1] / (PRIOR.onset + duty[-1])
+    assert number[beyond] == pytest.approx(EVEN[beyond], abs=1e-6)
+    assert (log_ratio[beyond] == 0).all()

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr
 
 from ballscrew.base.arrays import Array
 
@@ -81,65 +81,6 @@ class FamilyPrior:
     later_spread: float = 1.5
     relaxation: float = 5.0
     relaxation_spread: float = 1.5
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OnsetScale:
-    """Scale of the onset that resolves the readings: half of its probability is alike for each interval.
-
-    The prior alone has hardly any members whose wear begins in a certain week of the second year.
-
-    Parameters
-    ----------
-    by_prior, by_scale : ndarray, shape (k,)
-        Probabilities of an onset before each of k readings at different duties, from 0 on.
-    """
-
-    by_prior: Array
-    by_scale: Array
-
-    @classmethod
-    def of(cls, duty: Array, prior: FamilyPrior) -> OnsetScale:
-        """Scale for readings.
-
-        Parameters
-        ----------
-        duty : ndarray, shape (n,)
-            Duty at each reading.
-        prior : FamilyPrior
-            Of the onset.
-
-        Returns
-        -------
-        OnsetScale
-            Beyond the last reading it is the prior.
-        """
-        before = np.unique(np.append(0.0, np.maximum(duty, 0.0)))
-        by_prior = before / (prior.onset + before)
-        return cls(by_prior, 0.5 * by_prior + 0.5 * np.linspace(0.0, by_prior[-1], len(before)))
-
-    def to_prior(self, number: Array) -> tuple[Array, Array]:
-        """Standard normal numbers by the prior, from those of the scale.
-
-        Parameters
-        ----------
-        number : ndarray, shape (m,)
-            Standard normal where the onset has the probabilities of the scale.
-
-        Returns
-        -------
-        by_prior : ndarray, shape (m,)
-            Numbers of the same onsets that are standard normal before anything is observed.
-        log_ratio : ndarray, shape (m,)
-            Logarithm of the density of the prior over that of the scale.
-        """
-        below = np.clip(ndtr(number), 1e-12, 1 - 1e-12)
-        beyond = below >= self.by_scale[-1]
-        prior_below = np.where(beyond, below, np.interp(below, self.by_scale, self.by_prior))
-        ratio = np.append(np.diff(self.by_prior) / np.diff(self.by_scale), 1.0)
-        interval = np.searchsorted(self.by_scale, below, side="right") - 1
-        log_ratio = np.log(np.maximum(ratio, 1e-300))[interval]
-        return ndtri(np.clip(prior_below, 1e-300, 1 - 1e-12)), log_ratio
 
 
 @dataclass(frozen=True, slots=True, eq=False)
