@@ -99,7 +99,8 @@ def proposal_nearby(points: Array, log_weight: Array, count: int, *, effective: 
     off = points - weight @ points
     covariance = _NEARBY * (weight[:, None] * off).T @ off + _LEAST_VARIANCE * np.eye(off.shape[1])
     chosen = points[systematic(weight, 0.5, _PLACES)]
-    return Proposal(chosen, np.linalg.cholesky(covariance), max(count // _PLACES, 1))
+    root = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
+    return Proposal(chosen, root, max(count // _PLACES, 1))
 
 
 def proposals_at_maxima(
