@@ -66,3 +66,19 @@ def test_the_pace_of_each_family() -> None:
 def test_the_nearest_law_is_named() -> None:
     result = named_laws(np.array([0.1, 0.4, 0.5, 1.4]))
     assert result == {"external-load": 0.25, "contact-pressure": 0.5, "exponential": 0, "preload": 0.25}
+
+
+def test_a_family_names_the_numbers_it_uses() -> None:
+    """A number that is not used changes no member."""
+    for family in FAMILIES:
+        unused = [k for k in range(NUMBERS) if k not in family.free]
+        other = Z.copy()
+        other[:, unused] = 7.0
+        first, second = (family.cloud(z, PRIOR, 60.0) for z in (Z, other))
+        for name in first.__slots__:
+            assert (getattr(first, name) == getattr(second, name)).all(), (family.name, name)
+        for used in family.free:
+            other = Z.copy()
+            other[:, used] = 1.5
+            second = family.cloud(other, PRIOR, 60.0)
+            assert any((getattr(first, name) != getattr(second, name)).any() for name in first.__slots__)

@@ -13,7 +13,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.families import FAMILIES, NUMBERS, FamilyPrior
 from ballscrew.prognosis.family_average import FamilyAverage, first_below, weigh_families
-from ballscrew.prognosis.family_fit import AHEAD, FamilyFit
+from ballscrew.prognosis.family_process import AHEAD, FamilyFit
 from ballscrew.prognosis.forecast import FAN
 from ballscrew.prognosis.preload_history import PreloadHistory, preload_history
 
@@ -222,6 +222,31 @@ def test_the_same_seed_gives_the_same_forecast_and_another_nearly_the_same() -> 
     assert first.rul_days.tolist() == second.rul_days.tolist()
     other = replace(QUICK, seed=9).forecast(made(80), HALF)
     assert other.quantile(0.5) == pytest.approx(first.quantile(0.5), rel=0.15)
+
+
+def two_years(weeks: int, *, late_run: bool = False) -> PreloadHistory:
+    """A run a week, with wear since week 96; and perhaps a healthy run of the first year that came late."""
+    random = np.random.default_rng(0)
+    days = 7 * np.arange(104.0)
+    level = np.maximum(1 - np.maximum(days / 7 - 96, 0) / 45, 0.05) ** -0.5 - 1
+    level = level + 0.002 * random.standard_normal(104)
+    history = preload_history(days[:weeks], level[:weeks], 0.003)
+    if not late_run:
+        return history
+    days, level = (
+        np.insert(values, 52, new) for values, new in ((history.days, 360.0), (history.level, 0.001))
+    )
+    return preload_history(days, level, 0.003)
+
+
+@pytest.mark.parametrize("weeks", [101, 103])
+def test_one_old_healthy_run_hardly_changes_a_forecast_and_another_seed_neither(weeks: int) -> None:
+    model = FamilyAverage(alarm=True)
+    usual = model.forecast(two_years(weeks), HALF).quantile([0.05, 0.5])
+    late = model.forecast(two_years(weeks, late_run=True), HALF).quantile([0.05, 0.5])
+    seed = replace(model, seed=5).forecast(two_years(weeks), HALF).quantile([0.05, 0.5])
+    for other in (late, seed):
+        assert np.abs(np.log(other / usual)) == pytest.approx([0.0, 0.0], abs=math.log(1.35))
 
 
 def test_first_passages_are_linear_between_the_days() -> None:

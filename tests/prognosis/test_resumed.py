@@ -22,13 +22,14 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.checkpoint import Checkpoint, checkpoint_before
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Event
+from ballscrew.prognosis.families import FAMILIES
 from ballscrew.prognosis.family_average import FamilyAverage
 from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.recording.quality.finding import Quality
 
 MODEL = calibrated()
 FEW = MonitorSettings(draws=1000)
-LIFE = FamilyAverage(members=20, samples=100, most=10)
+LIFE = FamilyAverage(families=FAMILIES[1:2], members=20, samples=100, most=10)
 DAYS = (*np.arange(0.0, 12.0), 12.1, *np.arange(13.0, 29.0), 28.2, *np.arange(40.0, 46.0))
 EVENTS = (Event(at(6.5), "greased"), Event(at(22.5), "sensor remounted"), Event(at(33.0), "note"))
 

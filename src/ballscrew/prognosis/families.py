@@ -30,7 +30,7 @@ LAW_EXPONENTS = {"external-load": 0.0, "contact-pressure": 0.5, "exponential": 1
 """p of each law of wear."""
 
 NUMBERS = 6
-"""Standard normal numbers of a member of a family."""
+"""Standard normal numbers of a member of a family: pace, onset, scatter, motion, and two of its course."""
 
 _STRAIGHT = -0.5  # p of a preload that falls on a straight line
 _STEEPEST = 1.5  # p of the steepest law
@@ -139,6 +139,16 @@ class Family:
     by_travel: bool = False
     by_hours: bool = False
     weight: float = 1.0
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """Numbers of a member that the family uses."""
+        of_course = 0
+        if self.by_law or self.changes:
+            of_course = 2
+        elif self.grows:
+            of_course = 1
+        return tuple(range(NUMBERS - 2 + of_course))
 
     def cloud(self, z: Array, prior: FamilyPrior, span: float) -> Cloud:
         """Members of the family.

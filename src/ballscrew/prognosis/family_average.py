@@ -19,9 +19,11 @@ from scipy.special import ndtri
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.base.proposals import log_sum
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.families import FAMILIES, Family, FamilyPrior, named_laws
-from ballscrew.prognosis.family_fit import AHEAD, FamilyFit, Paths, fit_family, log_sum, sample_paths
+from ballscrew.prognosis.family_fit import fit_family
+from ballscrew.prognosis.family_process import AHEAD, FamilyFit, Paths, sample_paths
 from ballscrew.prognosis.forecast import FAN, Forecast, fan_days, least_begun, reach_of
 from ballscrew.prognosis.preload_history import PreloadHistory
 from ballscrew.prognosis.readings import Readings, readings_of
@@ -49,7 +51,7 @@ class FamilyAverage:
         Duty up to each of an array of days, past and ahead, as that of so many average days; by default in
         proportion to time.
     members : int
-        Members of each of the eight clouds of a family.
+        Members of a cloud of a family, see :func:`~.family_fit.fit_family`.
     samples : int
         Paths of a forecast.
     seed : int

@@ -1,0 +1,220 @@
+"""A family of wear as a Gaussian process: evidence of its members by the readings, and paths ahead.
+
+Given its parameters a member is a Gaussian process: an amplitude above 0 times a course, Brownian motion, and
+noise. One Cholesky factor L of its covariance gives all: with the innovations e = L⁻¹ z, reading j given the
+first i of them has the mean Σ_{l ≤ i} L_jl e_l and the variance Σ_{i < l ≤ j} L_jl².
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import log_ndtr, ndtr, ndtri
+
+from ballscrew.base.arrays import Array
+from ballscrew.base.resampling import systematic
+from ballscrew.prognosis.families import Cloud, Family, remaining_part, wear_depth
+from ballscrew.prognosis.readings import Readings
+
+AHEAD = (1, 2, 4, 8)
+"""Readings ahead by which a family is scored."""
+
+_LEAST_REMAINING = 0.05  # of x, for dz/dx
+_FEWEST_GAPS = 5  # between readings, before the innovations show how uneven the motion is
+_DISTINCT = 192  # members of a family's paths
+_JITTER = 1e-9  # of a variance, for the factor's sake
+_ANY = 1e30  # variance of a row that is transformed only
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FamilyFit:
+    """Members of a family and their weights, which sum to 1.
+
+    Parameters
+    ----------
+    family : Family
+        The family.
+    cloud : Cloud
+        m members.
+    weight : ndarray, shape (m,)
+        Posterior probabilities.
+    excess : ndarray, shape (m,)
+        Excess kurtosis of the innovations.
+    score, below : ndarray, shape (n, 4)
+        Logarithm of the density of each reading as forecast :data:`AHEAD` readings before, and probability
+        below it; NaN where there was no reading yet.
+    """
+
+    family: Family
+    cloud: Cloud
+    weight: Array
+    excess: Array
+    score: Array
+    below: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Paths:
+    """Equally probable paths: x, shape (m, k), and each member's exponent, onset and noise, shape (m,)."""
+
+    remaining: Array
+    exponent: Array
+    onset: Array
+    noise: Array
+
+
+def sample_paths(
+    fit: FamilyFit,
+    readings: Readings,
+    duty: Array,
+    days: Array,
+    ahead: Array,
+    *,
+    width: float,
+    count: int,
+    seed: int,
+) -> Paths:
+    """Paths ahead of a family.
+
+    Parameters
+    ----------
+    fit : FamilyFit
+        The family.
+    readings : Readings
+        Those of the fit.
+    duty : ndarray, shape (n,)
+        Duty at each reading.
+    days, ahead : ndarray, shape (k,)
+        Days from the last reading on, and the duty up to each.
+    width : float
+        Factor of the standard deviations ahead.
+    count : int
+        Number of paths.
+    seed : int
+        The same seed gives the same paths.
+
+    Returns
+    -------
+    Paths
+        Of ``count`` paths. Where the innovations have been uneven so is the motion ahead: a Poisson process
+        of the same variance, of as many events a reading as explain their kurtosis.
+    """
+    random = np.random.default_rng([seed, 3])
+    distinct = systematic(fit.weight, float(random.uniform()), _DISTINCT)
+    member = np.resize(random.permutation(distinct), count)
+    some, which = np.unique(member, return_inverse=True)
+    cloud = fit.cloud.part(some)
+    mean, root = _ahead(cloud, duty, ahead, readings)
+    mean, root = mean[which], root[which]
+    root = width * root
+    e = random.standard_normal(mean.shape)
+    e[:, 0] = _above(-mean[:, 0] / root[:, 0, 0], random.uniform(size=count))
+    if len(readings.days) > _FEWEST_GAPS:
+        gap = float(np.median(np.diff(readings.days)))
+        events = np.diff(days) / max(gap, 1e-3) / np.maximum(fit.excess[member], 1e-3)[:, None]
+        e[:, 2:] = (random.poisson(events) - events) / np.sqrt(events)
+    depth = (mean + np.einsum("mij,mj->mi", root, e))[:, 1:]
+    chosen = fit.cloud.part(member)
+    x = remaining_part(depth, chosen.exponent[:, None])
+    return Paths(x, chosen.exponent, chosen.onset, chosen.noise)
+
+
+def evidence_of(cloud: Cloud, duty: Array, readings: Readings) -> tuple[Array, ...]:
+    """Evidence of m members by n readings.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        The members.
+    duty : ndarray, shape (n,)
+        Duty at each reading, days.
+    readings : Readings
+        The readings.
+
+    Returns
+    -------
+    gains : ndarray, shape (m, n)
+        Logarithm of the density of each reading given those before.
+    positive : ndarray, shape (m,)
+        Logarithm of the probability of an amplitude above 0.
+    factor, innovation, slope : ndarray
+        Cholesky factor, innovations and −dz/dx.
+    """
+    z, slope = _depth(cloud, readings)
+    g = cloud.rate[:, None] * cloud.course(duty)
+    covariance = _covariance(cloud, duty, readings, slope)
+    factor, innovation, by_amplitude = _factored(covariance, z, g)
+    size = np.diagonal(factor, axis1=1, axis2=2)
+    gains = -0.5 * innovation**2 - np.log(size / slope)
+    mean = np.sum(by_amplitude * innovation, axis=1)
+    deviation = np.sqrt(np.maximum(1 - np.sum(by_amplitude**2, axis=1), 1e-9))
+    return gains, log_ndtr(mean / deviation), factor, innovation, slope
+
+
+def _depth(cloud: Cloud, readings: Readings) -> tuple[Array, Array]:
+    """Z of each reading and −dz/dx, shape (m, n)."""
+    p = cloud.exponent[:, None]
+    slope = np.maximum(readings.smoothed, _LEAST_REMAINING) ** -p
+    return wear_depth(readings.remaining, p), slope
+
+
+def _covariance(cloud: Cloud, duty: Array, readings: Readings, slope: Array) -> Array:
+    """Of the readings in z, shape (m, n, n)."""
+    k = _of_course(cloud, duty, readings)
+    k += readings.start**2
+    if readings.warmer.any():
+        warm = readings.by_kelvin * readings.warmer * slope
+        k += warm[:, :, None] * warm[:, None, :]
+    spread = cloud.noise[:, None] * readings.uncertainty * slope
+    diagonal = np.arange(len(duty))
+    k[:, diagonal, diagonal] += spread**2 + _JITTER * k[:, diagonal, diagonal]
+    return np.asarray(k)
+
+
+def _of_course(cloud: Cloud, duty: Array, readings: Readings) -> Array:
+    """Covariance of z by amplitude and motion, shape (m, n, n)."""
+    g, since = cloud.rate[:, None] * cloud.course(duty), cloud.since(duty)
+    walk = ((cloud.walk * readings.typical) ** 2)[:, None, None]
+    k = np.minimum(since[:, :, None], since[:, None, :])
+    k *= walk
+    k += g[:, :, None] * g[:, None, :]
+    return np.asarray(k)
+
+
+def _ahead(cloud: Cloud, duty: Array, ahead: Array, readings: Readings) -> tuple[Array, Array]:
+    """Mean, and root of the covariance, of the amplitude and of z ahead, given the readings."""
+    z, slope = _depth(cloud, readings)
+    n, both = len(duty), np.concatenate([duty, [0.0], ahead])
+    whole = _of_course(cloud, both, readings)
+    whole[:, n, :] = whole[:, :, n] = cloud.rate[:, None] * cloud.course(both)
+    whole[:, n, n] = 1.0
+    if not readings.known_start:
+        whole[:, :n, n + 1 :] += readings.start**2
+        whole[:, n + 1 :, :n] += readings.start**2
+        whole[:, n + 1 :, n + 1 :] += readings.start**2
+    whole[:, :n, :n] = _covariance(cloud, duty, readings, slope)
+    later = np.arange(n, whole.shape[1])
+    whole[:, later, later] *= 1 + _JITTER
+    whole[:, later, later] += (0.01 * readings.typical) ** 2
+    factor, innovation = _factored(whole, np.hstack([z, np.zeros((len(z), len(later)))]))
+    mean = np.einsum("mfi,mi->mf", factor[:, n:, :n], innovation[:, :n])
+    return mean, factor[:, n:, n:]
+
+
+def _factored(covariance: Array, *rows: Array) -> tuple[Array, ...]:
+    """Cholesky factor L of m covariances, and L⁻¹ v of further rows v of shape (m, n)."""
+    m, n, _ = covariance.shape
+    whole = np.zeros((m, n + len(rows), n + len(rows)))
+    whole[:, :n, :n] = covariance
+    for k, row in enumerate(rows, start=n):
+        whole[:, k, :n] = row  # the lower triangle alone is read
+        whole[:, k, k] = _ANY
+    factor = np.linalg.cholesky(whole)
+    return factor[:, :n, :n], *(factor[:, n + k, :n] for k in range(len(rows)))
+
+
+def _above(least: Array, uniform: Array) -> Array:
+    """Standard normal numbers above a bound, by the inverse of their distribution."""
+    tail = np.clip(ndtr(-least) * uniform, 1e-300, 1 - 1e-12)
+    return np.asarray(np.maximum(-ndtri(tail), least))
