@@ -15,6 +15,7 @@ from ballscrew.service import (
     comparing,
     curves,
     health,
+    message_log,
     reading,
     responses,
     runs,
@@ -33,6 +34,7 @@ from ballscrew.service.pages import (
     compare,
     fleet,
     help_topics,
+    message_page,
     rendering,
     run,
     setup,
@@ -42,10 +44,12 @@ from ballscrew.service.serving import Service, answer_errors
 from ballscrew.service.working import Worker
 
 _RESOURCES = (
-    uploads, runs, axes, calibrating, curves, reading, comparing, signals, responses, alarms, tokens, health,
+    uploads, runs, axes, calibrating, curves, reading, comparing, signals, responses, alarms, tokens,
+    message_log, health,
 )  # fmt: skip
 _PAGES = (
-    fleet, run, compare, alarm_list, actions, setup, calibration_page, help_topics, status, rendering, axis,
+    fleet, run, compare, alarm_list, actions, setup, calibration_page, help_topics, status, message_page,
+    rendering, axis,
 )  # fmt: skip
 # The page of an axis comes last: the name of an axis may contain slashes.
 
