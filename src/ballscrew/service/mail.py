@@ -57,11 +57,18 @@ def send_mail(
             if server.user is not None:
                 client.login(server.user, server.password())
             client.send_message(message, server.sender, [to])
-        except BaseException:
-            client.close()
-            raise
-    with suppress(OSError, smtplib.SMTPException):  # it was accepted, whatever comes now
-        client.quit()
+        except smtplib.SMTPRecipientsRefused as error:
+            raise _refusal(*error.recipients[to]) from None
+        except smtplib.SMTPResponseException as error:
+            raise _refusal(error.smtp_code, error.smtp_error) from None
+        finally:
+            client.leave()
+
+
+def _refusal(code: int, text: bytes | str) -> ValueError:
+    """Error with what a server answered."""
+    words = text.decode("utf-8", "replace") if isinstance(text, bytes) else text
+    return ValueError(f"it answered {code} {words}".rstrip(" ."))
 
 
 class _Client(smtplib.SMTP):
@@ -83,3 +90,9 @@ class _Client(smtplib.SMTP):
             self.sock = found
             found.do_handshake()
         return found
+
+    def leave(self) -> None:
+        """Close the connection; after a message was accepted, no error of this matters."""
+        with suppress(OSError, smtplib.SMTPException):
+            self.quit()
+        self.close()
