@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Any
@@ -31,15 +31,11 @@ from ballscrew.service.messages import (
     RETRACTED,
     SENT,
     TEST,
-    MessagePlan,
-    Notice,
     Planned,
-    SubjectState,
     delivery_key,
-    keys_of,
-    plan_deliveries,
 )
 from ballscrew.service.pages.rendering import environment_of
+from ballscrew.service.planning import planned_messages, topics_of
 from ballscrew.service.recipients import EmailRecipient, Recipient, WebhookRecipient
 from ballscrew.service.serving import Service
 from ballscrew.service.webhooks import post_webhook
@@ -47,15 +43,12 @@ from ballscrew.store.explaining import find_explanation
 from ballscrew.store.lamps import add_lamps
 from ballscrew.store.reading import assessment_document
 from ballscrew.store.tables import (
-    AlarmAction,
-    AlarmRow,
     Assessment,
     Axis,
     Delivery,
     MachineRow,
     Message,
     StateRow,
-    Trouble,
 )
 
 _log = logging.getLogger("ballscrew.service")
@@ -129,102 +122,6 @@ def plan_messages(service: Service, at: datetime) -> Planned:
     return planned
 
 
-def planned_messages(session: Session, service: Service, at: datetime) -> Planned:
-    """Deliveries that are due and notices that wait, by the rows of the store."""
-    settings = service.settings
-    plan = MessagePlan(settings.recipients, settings.messages, settings.calendar.zone)
-    axes = set(session.scalars(select(Message.axis_id).where(Message.sent_at.is_(None))))
-    axes |= set(session.scalars(select(AlarmRow.axis_id).where(AlarmRow.retracted_at.is_(None))))
-    if not axes:
-        return Planned((), (), {})
-    topics = _topics(session, axes)
-    notices = _notices(session, axes, topics)
-    reported = [notice for notice in notices if notice.reported_at is not None]
-    keys = keys_of(plan, reported, at)
-    found = session.execute(select(Delivery.key, Delivery.status).where(Delivery.key.in_(keys)))
-    statuses = {key: status for key, status in found}  # noqa: C416  rows are no pairs to mypy
-    return plan_deliveries(notices, _states(session, axes, topics, at), statuses, plan, at)
-
-
-def _topics(session: Session, axes: Iterable[int]) -> dict[str, tuple[str, str]]:
-    """Topic of each alarm and trouble of axes: the epoch of an alarm, the kind of a trouble."""
-    found = {}
-    alarms = select(AlarmRow.id, Axis.name, AlarmRow.epoch).join(Axis, Axis.id == AlarmRow.axis_id)
-    for number, axis, epoch in session.execute(alarms.where(AlarmRow.axis_id.in_(axes))):
-        found[f"alarm-{number}"] = (axis, str(epoch))
-    troubles = select(Trouble.id, Axis.name, Trouble.kind).join(Axis, Axis.id == Trouble.axis_id)
-    for number, axis, kind in session.execute(troubles.where(Trouble.axis_id.in_(axes))):
-        found[f"trouble-{number}"] = (axis, kind)
-    return found
-
-
-def _notices(session: Session, axes: Iterable[int], topics: dict[str, tuple[str, str]]) -> list[Notice]:
-    """Rows of the outbox that were not reported, and the last reported one of each topic."""
-    columns = (Message.id, Message.key, Message.kind, Message.at, Message.sent_at, MachineRow.name)
-    rows = (
-        select(*columns)
-        .join(Axis, Axis.id == Message.axis_id)
-        .outerjoin(MachineRow, MachineRow.id == Axis.machine_id)
-        .where(Message.axis_id.in_(axes))
-        .order_by(Message.id)
-    )
-    waiting, reported = [], {}
-    for number, key, kind, at, sent_at, machine in session.execute(rows):
-        subject = key.partition("/")[0]
-        if subject not in topics:
-            continue
-        notice = Notice(
-            id=number,
-            key=key,
-            subject=subject,
-            topic=topics[subject],
-            is_alarm=subject.startswith("alarm-"),
-            machine=machine,
-            is_raised=kind == RAISED,
-            at=moment(at, "at"),
-            reported_at=None if sent_at is None else moment(sent_at, "sent_at"),
-        )
-        if sent_at is None:
-            waiting.append(notice)
-        else:
-            reported[notice.topic] = notice
-    return [*reported.values(), *waiting]
-
-
-def _states(
-    session: Session, axes: Iterable[int], topics: dict[str, tuple[str, str]], at: datetime
-) -> dict[str, SubjectState]:
-    """State of each alarm and trouble of axes."""
-    urgent = select(Axis.id).join(Assessment, Assessment.id == Axis.assessment_id)
-    urgent_axes = set(session.scalars(urgent.where(Axis.id.in_(axes), Assessment.urgency == "now")))
-    found = {}
-    for kind, table, end in (
-        ("alarm", AlarmRow, AlarmRow.retracted_at),
-        ("trouble", Trouble, Trouble.ended_at),
-    ):
-        column = getattr(AlarmAction, f"{kind}_id")
-        rows = session.execute(select(table.id, table.axis_id, end).where(table.axis_id.in_(axes))).all()
-        actions = select(AlarmAction).where(column.in_([row[0] for row in rows])).order_by(AlarmAction.id)
-        last = {getattr(action, f"{kind}_id"): action for action in session.scalars(actions)}
-        for number, axis, ended_at in rows:
-            name = f"{kind}-{number}"
-            state, acted_at = _state(last.get(number), ended_at, at)
-            found[name] = SubjectState(topics[name], state, acted_at, kind == "alarm" and axis in urgent_axes)
-    return found
-
-
-def _state(action: AlarmAction | None, ended_at: str | None, at: datetime) -> tuple[str, datetime | None]:
-    """State by the end and by what somebody did last, and when that was."""
-    if action is None:
-        return ("raised" if ended_at is None else "ended"), None
-    state, acted_at = action.action, moment(action.at, "at")
-    if state == "shelved" and action.until is not None and moment(action.until, "until") <= at:
-        state = "raised"
-    if ended_at is not None and state != "closed":
-        state = "ended"
-    return state, acted_at
-
-
 def compose(
     session: Session, service: Service, kind: str, numbers: Sequence[int], language: str, at: datetime
 ) -> Content:
@@ -251,7 +148,7 @@ def compose(
         Names of axes and machines without control characters.
     """
     rows = session.scalars(select(Message).where(Message.id.in_(numbers)).order_by(Message.id)).all()
-    topics = _topics(session, {row.axis_id for row in rows})
+    topics = topics_of(session, {row.axis_id for row in rows})
     gathered: dict[tuple[str, str], list[Message]] = {}
     for row in rows:
         gathered.setdefault(topics[str(row.detail["subject"])], []).append(row)
@@ -273,13 +170,13 @@ def _item(session: Session, kind: str, rows: Sequence[Message]) -> dict[str, Any
     has_ended = kind in (RETRACTED, ENDED) or (kind == DIGEST and newest.kind != RAISED)
     repeats = sum(row.kind == RAISED for row in rows)
     axis = session.get_one(Axis, newest.axis_id)
-    machine = None if axis.machine_id is None else session.get(MachineRow, axis.machine_id)
-    assessment = None if axis.assessment_id is None else session.get(Assessment, axis.assessment_id)
+    machine = session.scalar(select(MachineRow).where(MachineRow.id == axis.machine_id))
+    assessment = session.scalar(select(Assessment).where(Assessment.id == axis.assessment_id))
     explanation = find_explanation(session, axis) or {}
     return {
         "axis": axis.name,
-        "machine": machine.name if machine else "",
-        "site": machine.site if machine else "",
+        "machine": getattr(machine, "name", ""),
+        "site": getattr(machine, "site", ""),
         "alarm": newest.detail["subject"],
         "kind": newest.detail.get("kind", "axis"),
         "text": printable(str(newest.detail.get("text", ""))),
@@ -345,17 +242,23 @@ def send_messages(service: Service, at: datetime) -> int:
 def _due(session: Session, at: datetime) -> list[int]:
     """The oldest delivery of each recipient that is due and follows no earlier one about the same axis."""
     rows = session.scalars(select(Delivery).where(Delivery.status == QUEUED).order_by(Delivery.id)).all()
-    numbers = {number for row in rows for number in row.messages or ()}
-    found = session.execute(select(Message.id, Message.axis_id).where(Message.id.in_(numbers)))
-    axes = {number: axis for number, axis in found}  # noqa: C416  rows are no pairs to mypy
+    axes = _axes(session, rows)
     due: dict[str, int] = {}
     waiting: set[tuple[str, int]] = set()
     for row in rows:
-        concerned = {(row.recipient, axes[number]) for number in row.messages or () if number in axes}
-        if row.recipient not in due and row.not_before <= at.timestamp() and not concerned & waiting:
-            due[row.recipient] = row.id
+        concerned = {(row.recipient, axis) for axis in axes[row.id]}
+        if row.not_before <= at.timestamp() and concerned.isdisjoint(waiting):
+            due.setdefault(row.recipient, row.id)
         waiting |= concerned
     return list(due.values())
+
+
+def _axes(session: Session, rows: Sequence[Delivery]) -> dict[int, set[int]]:
+    """Axes that each delivery is about."""
+    numbers = {number for row in rows for number in row.messages or ()}
+    found = session.execute(select(Message.id, Message.axis_id).where(Message.id.in_(numbers)))
+    by_message = {number: axis for number, axis in found}  # noqa: C416  rows are no pairs to mypy
+    return {row.id: {by_message[number] for number in row.messages or ()} for row in rows}
 
 
 def attempt(service: Service, number: int, at: datetime) -> None:

@@ -13,8 +13,9 @@ from sqlalchemy.orm import Session
 from ballscrew.base.errors import shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.service.access import AdminCaller, RunningService
-from ballscrew.service.delivering import planned_messages, send_test
+from ballscrew.service.delivering import send_test
 from ballscrew.service.messages import FAILED, QUEUED, SENT, TEST
+from ballscrew.service.planning import planned_messages
 from ballscrew.service.recipients import EmailRecipient
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.store.opened import record

@@ -7,7 +7,7 @@ and whether it does. Rows that change neither wait, and are counted in the next 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta, tzinfo
 
@@ -144,18 +144,21 @@ class MessagePlan:
 
 @dataclass(frozen=True, slots=True)
 class _Topic:
-    """Notices of a topic that wait, the last one that was reported, and its alarms."""
+    """Notices of a topic that wait, the last reported one of each of its alarms, and their states."""
 
     waiting: tuple[Notice, ...]
-    reported: Notice | None
+    reports: tuple[Notice, ...]
     states: Mapping[str, SubjectState]
+
+    @property
+    def reported(self) -> Notice | None:
+        """The last notice that was reported."""
+        return (None, *self.reports)[-1]
 
     @property
     def newest(self) -> Notice:
         """The last notice, whether or not it was reported."""
-        newest = (self.reported, *self.waiting)[-1]
-        assert newest is not None  # noqa: S101  a topic has a notice
-        return newest
+        return (*self.reports, *self.waiting)[-1]
 
     @property
     def standing(self) -> list[SubjectState]:
@@ -164,10 +167,11 @@ class _Topic:
     @property
     def is_known(self) -> bool:
         """Whether recipients know that it stands; what was closed by somebody begins anew."""
-        if self.reported is None or not self.reported.is_raised:
-            return False
-        state = self.states.get(self.reported.subject)
-        return state is None or state.state != "closed"
+        for notice in self.reports:
+            state = self.states.get(notice.subject)
+            if notice.is_raised and (state is None or state.state != "closed"):
+                return True
+        return False
 
     @property
     def is_shelved(self) -> bool:
@@ -187,12 +191,13 @@ def delivery_key(recipient: str, kind: str, about: str) -> str:
     return digest([recipient, kind, about])[:_KEY]
 
 
-def keys_of(plan: MessagePlan, notices: Iterable[Notice], at: datetime) -> list[str]:
+def keys_of(plan: MessagePlan, notices: Sequence[Notice], at: datetime) -> list[str]:
     """Keys of the deliveries on whose statuses :func:`plan_deliveries` depends."""
     found = []
+    reported = [topic.reported for topic in _topics(notices, {}) if topic.reported is not None]
     for recipient in plan.recipients:
         found.append(_digest_key(plan, recipient, at))
-        for notice in notices:
+        for notice in reported:
             found += [delivery_key(recipient.label, kind, _about(notice)) for kind in _STANDING]
     return found
 
@@ -209,7 +214,7 @@ def plan_deliveries(
     Parameters
     ----------
     notices : sequence of Notice
-        Those that were not reported, and the last reported one of each topic, by their numbers.
+        Those that were not reported, and the last reported one of each alarm and trouble.
     states : mapping of str to SubjectState
         By subject: those of the notices, and all that stand of their topics.
     statuses : mapping of str to str
@@ -249,14 +254,14 @@ def plan_deliveries(
 
 def _topics(notices: Sequence[Notice], states: Mapping[str, SubjectState]) -> list[_Topic]:
     found: dict[tuple[str, str], list[Notice]] = {}
-    for notice in notices:
+    for notice in sorted(notices, key=lambda each: each.id):
         found.setdefault(notice.topic, []).append(notice)
     topics = []
     for name, rows in found.items():
-        reported = [row for row in rows if row.reported_at is not None]
+        reports = tuple(row for row in rows if row.reported_at is not None)
         waiting = tuple(row for row in rows if row.reported_at is None)
         own = {subject: state for subject, state in states.items() if state.topic == name}
-        topics.append(_Topic(waiting, (None, *reported)[-1], own))
+        topics.append(_Topic(waiting, reports, own))
     return topics
 
 
@@ -269,17 +274,15 @@ def _why_waiting(topic: _Topic, statuses: Mapping[str, str], plan: MessagePlan, 
         return _SHELVED
     if not stands and at < topic.newest.at + timedelta(hours=rules.hold_h):
         return _HOLD
-    if rules.is_quiet(at, plan.zone) and not topic.is_urgent:
+    if _is_quiet(topic, plan, at):
         return _QUIET
-    if not topic.newest.is_alarm and _is_too_early(topic, statuses, plan, at):
-        return _LATER
-    return None
+    return _LATER if _is_too_early(topic, statuses, plan, at) else None
 
 
 def _is_too_early(topic: _Topic, statuses: Mapping[str, str], plan: MessagePlan, at: datetime) -> bool:
     """Whether a trouble waits for the next digest: it is newer than the last one, or that was sent."""
     last = plan.rules.last_digest(at, plan.zone)
-    if last is None:
+    if last is None or topic.newest.is_alarm:
         return False
     due = topic.waiting[0].at
     if not topic.standing:
@@ -318,18 +321,28 @@ def _reminders(
 ) -> list[NewDelivery]:
     """Deliveries about an alarm that became urgent, or that nobody acknowledged, after its report."""
     reported = topic.reported
-    if reported is None or not reported.is_alarm or not topic.is_known or topic.is_shelved:
-        return []
-    if plan.rules.is_quiet(at, plan.zone) and not topic.is_urgent:
+    if reported is None or not _may_remind(topic) or _is_quiet(topic, plan, at):
         return []
     found = []
-    ids = (reported.id, *topic.ids)
     if topic.is_urgent:
-        found += [_delivery(each, URGENT, reported, ids) for each in _addressed(topic, plan)]
+        found += [(each, URGENT) for each in _addressed(topic, plan)]
     if _is_unacknowledged(topic, plan, at):
-        escalated = _addressed(topic, plan, escalation=True)
-        found += [_delivery(each, ESCALATION, reported, ids) for each in escalated]
-    return [each for each in found if each.key not in statuses]
+        found += [(each, ESCALATION) for each in _addressed(topic, plan, escalation=True)]
+    deliveries = []
+    for recipient, kind in found:
+        delivery = _delivery(recipient, kind, reported, (reported.id, *topic.ids))
+        if delivery.key not in statuses:
+            deliveries.append(delivery)
+    return deliveries
+
+
+def _may_remind(topic: _Topic) -> bool:
+    """Whether it is an alarm that recipients know of, and that is not shelved as a whole."""
+    return topic.newest.is_alarm and topic.is_known and not topic.is_shelved
+
+
+def _is_quiet(topic: _Topic, plan: MessagePlan, at: datetime) -> bool:
+    return plan.rules.is_quiet(at, plan.zone) and not topic.is_urgent
 
 
 def _is_unacknowledged(topic: _Topic, plan: MessagePlan, at: datetime) -> bool:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from collections.abc import Callable, Sequence
 from datetime import datetime, time, timedelta, tzinfo
 from pathlib import Path
@@ -21,7 +22,7 @@ _ADDRESS = re.compile(r"[!#-'*+\-./0-9=?A-Z^_`a-z{|}~]{1,64}@[A-Za-z0-9](?:[A-Za
 _LONGEST_SECRET = 4096  # bytes
 
 
-class _Table(BaseModel):
+class _SettingsTable(BaseModel):
     """A table of the file: what is not known is refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -33,7 +34,7 @@ def _checked_address(text: str) -> str:
     return text
 
 
-class SmtpServer(_Table):
+class SmtpServer(_SettingsTable):
     """Server that takes the e-mails."""
 
     host: str = Field(min_length=1, max_length=253, description="Its name.")
@@ -60,7 +61,7 @@ class SmtpServer(_Table):
         return read_secret("smtp.password", self.password_env, self.password_file)
 
 
-class Recipient(_Table):
+class Recipient(_SettingsTable):
     """Which messages a recipient gets."""
 
     level: Literal["alarm", "trouble"] = Field(
@@ -138,7 +139,7 @@ class WebhookRecipient(Recipient):
         return read_secret(f"the secret of the webhook {self.name}", self.secret_env, self.secret_file)
 
 
-class MessageRules(_Table):
+class MessageRules(_SettingsTable):
     """When messages are due."""
 
     hold_h: float = Field(
@@ -229,10 +230,7 @@ def recipient_problems(
     rules: MessageRules,
 ) -> list[str]:
     """What is wrong with recipients, server and rules together, a sentence each."""
-    found = _rule_problems(public_url, rules)
-    labels = [recipient.label for recipient in recipients]
-    repeated = sorted({label for label in labels if labels.count(label) > 1})
-    found += [f"{label}: is a recipient twice; each is one table." for label in repeated]
+    found = _rule_problems(public_url, rules) + _repetitions(recipients)
     if recipients and public_url is None:
         found.append("public_url: give the address at which people reach the server; messages link to it.")
     if smtp is not None:
@@ -243,6 +241,12 @@ def recipient_problems(
         elif smtp is None:
             found.append(f"{recipient.label}: a table [smtp] with host and sender is needed for e-mail.")
     return found
+
+
+def _repetitions(recipients: Sequence[Recipient]) -> list[str]:
+    labels = Counter(recipient.label for recipient in recipients)
+    repeated = [label for label, count in labels.items() if count > 1]
+    return [f"{label}: is a recipient twice; each is one table." for label in repeated]
 
 
 def _rule_problems(public_url: str | None, rules: MessageRules) -> list[str]:
