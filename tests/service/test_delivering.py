@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import ssl
+import subprocess
+import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -30,6 +36,7 @@ from ballscrew.service import delivering
 from ballscrew.service.delivering import plan_messages, send_messages
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
+from ballscrew.store.opened import OpenStore
 from ballscrew.store.tables import AlarmRow, Axis, Delivery, Message, Trouble
 
 AT = datetime(2026, 3, 2, 10, tzinfo=UTC)
@@ -205,6 +212,54 @@ def test_a_server_that_is_killed_between_sending_and_marking_sends_again_with_th
     keys += [headers["Idempotency-Key"] for headers, _ in hooks.requests]
     assert len(keys) == 2
     assert len(set(keys)) == 1
+
+
+@pytest.mark.slow
+def test_a_process_that_is_killed_while_the_recipient_accepts_sends_again_after_its_restart(
+    make: Made, mails: MailSink, tls: Certificate, tmp_path: Path
+) -> None:
+    """kill -9 before the answer of the recipient; then a restart."""
+    folder = make(mails).store.path
+    config = tmp_path / "server.toml"
+    config.write_text(
+        f'''public_url = "http://plant"
+email = [{{to = "{TO}"}}]
+messages = {{back_off_s = 0}}
+[smtp]
+host = "localhost"
+port = {mails.port}
+sender = "b@plant.example"
+user = "{USER}"
+password_env = "SMTP_PASSWORD"
+ca_file = '{tls[0]}'
+'''
+    )
+    command = [sys.executable, "-m", "ballscrew", "serve", "--data", str(folder), "--config", str(config)]
+
+    def kill(_: object) -> None:
+        holder = json.loads((folder / "store.lock").read_text())
+        os.kill(holder["process"], getattr(signal, "SIGKILL", signal.SIGTERM))
+
+    mails.before = kill
+    subprocess.run([*command, "--port", "0", "--workers", "1"], check=False)  # noqa: S603  it is killed
+    received = threading.Event()
+    mails.before = lambda _: received.set()
+    process = subprocess.Popen([*command, "--port", "0", "--workers", "1"])  # noqa: S603
+    try:
+        assert received.wait(300)
+        store = OpenStore(folder)
+        for _ in range(3000):
+            with store.read() as session:
+                (row,) = session.scalars(select(Delivery)).all()
+            if row.status == "sent":
+                break
+            time.sleep(0.1)
+        assert (row.status, row.attempts) == ("sent", 2)
+    finally:
+        process.terminate()
+        process.wait()
+    assert len(mails.mails) == 2
+    assert mails.mails[0]["Message-ID"] == mails.mails[1]["Message-ID"]
 
 
 def test_a_server_that_is_killed_before_sending_sends_once(
