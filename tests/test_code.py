@@ -77,7 +77,7 @@ def test_imports_have_no_circle() -> None:
 
 
 def test_few_modules_serve_a_single_neighbour() -> None:
-    assert len(code_counts.single_importer_modules()) <= 51
+    assert len(code_counts.single_importer_modules()) <= 52
 
 
 def test_no_class_name_is_used_twice() -> None:
@@ -125,4 +125,4 @@ def test_pages_are_plain_english(path: Path) -> None:
 
 
 def test_the_documentation_stays_short() -> None:
-    assert code_counts.prose_words() <= 30_098
+    assert code_counts.prose_words() <= 30_390

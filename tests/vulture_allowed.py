@@ -107,3 +107,8 @@ compute_limits
 hdf5
 chart_of
 simulate_healthy
+
+# What smtplib, http.client and pydantic look up
+_get_socket
+default_port
+_checked_url
