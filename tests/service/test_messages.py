@@ -215,6 +215,16 @@ def test_troubles_are_gathered_to_one_message_a_day_at_an_hour() -> None:
     assert plant.log(mail("ben")) == []
 
 
+def test_a_trouble_that_is_stored_after_the_digest_of_its_day_waits_for_the_next() -> None:
+    plant = Plant(hour=20)
+    plant.change("trouble-1", "raised", ("axis 1", "silence"))
+    plant.plan(21)
+    plant.hour = 20.9  # its time is before the digest
+    plant.change("trouble-2", "raised", ("axis 2", "silence"))
+    assert plant.plan(21.1).waiting == {2: "the next digest"}
+    assert plant.plan(45).deliveries[0].notices == (2,)
+
+
 def test_a_trouble_that_has_ended_is_reported_in_the_digest_after_the_hold_time() -> None:
     plant = Plant()
     plant.change("trouble-1", "raised", ("bench", "silence"))
