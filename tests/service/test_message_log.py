@@ -37,7 +37,7 @@ def informing(new_service: NewService, hooks: HookSink, tls: tuple[Path, ssl.SSL
         "name": "cmms", "url": f"{hooks.url}/T0KEN", "secret_env": "HOOK_SECRET", "ca_file": tls[0],
         "allow_private": True,
     }  # fmt: skip
-    service = new_service(public_url="http://plant", webhook=[hook])
+    service = new_service(public_url="http://plant", webhook=[hook], messages={"timeout_s": 300.0})
     with client_of(service) as client:
         client.put("/api/v1/axes/bench", json=SETUP)
     at = datetime.now(UTC).isoformat()
