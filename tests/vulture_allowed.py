@@ -109,3 +109,8 @@ compute_limits
 hdf5
 chart_of
 simulate_healthy
+
+# What smtplib, http.client and pydantic look up
+_get_socket
+default_port
+_checked_url

@@ -75,6 +75,8 @@ ROUTES: dict[tuple[str, str], tuple[str, tuple[int, ...]]] = {
     ("GET", "/api/v1/tokens"): ("/api/v1/tokens", ADMIN),
     ("POST", "/api/v1/tokens"): ("/api/v1/tokens", ADMIN),
     ("DELETE", "/api/v1/tokens/{token}"): ("/api/v1/tokens/9", ADMIN),
+    ("GET", "/api/v1/messages"): ("/api/v1/messages", ADMIN),
+    ("POST", "/api/v1/messages/test"): ("/api/v1/messages/test", ADMIN),
     ("GET", "/livez"): ("/livez", ALL),
     ("GET", "/readyz"): ("/readyz", ALL),
     ("GET", "/metrics"): ("/metrics", READ),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from contextlib import ExitStack
-from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -124,24 +123,18 @@ def _check(data: Path | None, config: Path | None, options: dict[str, Any], *, a
     if as_json:
         document = {}
         for name, (value, origin) in settings.items():
-            document[name] = {"value": _plain(value), "from": origin}
+            document[name] = {"value": value, "from": origin}
         print_json({"schema": SCHEMA, "settings": document, "problems": problems})
     else:
         table = Table()
         for heading in ("setting", "value", "from"):
             table.add_column(heading)
         for name, (value, origin) in settings.items():
-            table.add_row(name, escape(str(_plain(value))), escape(origin))
+            table.add_row(name, escape(str(value)), escape(origin))
         console().print(table)
     for problem in problems:
         sys.stderr.write(f"ballscrew: {printable(problem)}\n")
     return WRONG_INPUT if problems else DONE
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return list(map(_plain, value))
-    return str(value) if isinstance(value, Path | date) else value
 
 
 def open_store(data: Path | None) -> OpenStore:

@@ -15,6 +15,7 @@ from ballscrew.service import (
     comparing,
     curves,
     health,
+    message_log,
     reading,
     responses,
     runs,
@@ -34,6 +35,7 @@ from ballscrew.service.pages import (
     compare,
     fleet,
     help_topics,
+    message_page,
     rendering,
     run,
     setup,
@@ -46,11 +48,12 @@ from ballscrew.service.signing_in import Throttle
 from ballscrew.service.working import Worker
 
 _RESOURCES = (
-    uploads, runs, axes, calibrating, curves, reading, comparing, signals, responses, alarms, tokens, health,
+    uploads, runs, axes, calibrating, curves, reading, comparing, signals, responses, alarms, tokens,
+    message_log, health,
 )  # fmt: skip
 _PAGES = (
-    fleet, run, compare, alarm_list, actions, setup, calibration_page, help_topics, status, rendering,
-    sign_in, account, users, axis,
+    fleet, run, compare, alarm_list, actions, setup, calibration_page, help_topics, status, message_page,
+    rendering, sign_in, account, users, axis,
 )  # fmt: skip
 # The page of an axis comes last: the name of an axis may contain slashes.
 

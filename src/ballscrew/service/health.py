@@ -16,7 +16,7 @@ from ballscrew.monitoring.epochs import moment
 from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.serving import Service
 from ballscrew.service.working import Worker
-from ballscrew.store.tables import Axis, JobRow, ResultRow, Upload
+from ballscrew.store.tables import Axis, Delivery, JobRow, ResultRow, Upload
 
 router = APIRouter()
 
@@ -95,6 +95,10 @@ def _metrics(session: Session, service: Service, ready: int) -> list[str]:
     lines.append(_metric("runs", "gauge", "Results by verdict.", _counts(session, verdicts, "verdict")))
     uploads = select(Upload.status, func.count()).group_by(Upload.status)
     lines.append(_metric("sent_runs", "gauge", "Runs that were sent.", _counts(session, uploads, "status")))
+    messages = select(Delivery.status, func.count()).group_by(Delivery.status)
+    lines.append(_metric("messages", "gauge", "Messages by status.", _counts(session, messages, "status")))
+    attempts = session.scalar(select(func.sum(Delivery.attempts))) or 0
+    lines.append(_metric("message_attempts_total", "counter", "Attempts to send them.", {"": attempts}))
     refusals = {f'{{status="{status}"}}': count for status, count in sorted(service.refusals.items())}
     lines.append(_metric("refusals_total", "counter", "Requests that were refused.", refusals))
     return lines

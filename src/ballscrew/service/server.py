@@ -19,9 +19,10 @@ from sqlalchemy import select
 from ballscrew.base.errors import InputError
 from ballscrew.service.alarms import watch_for_silence, write_messages
 from ballscrew.service.app import create_app
+from ballscrew.service.delivering import run_messages
 from ballscrew.service.jobs import release_jobs, request_assessment
 from ballscrew.service.serving import ServedStore, Service
-from ballscrew.service.settings import ServerSettings, default_folder, origins, read_settings
+from ballscrew.service.settings import ServerSettings, default_folder, origins, plain_setting, read_settings
 from ballscrew.service.uploads import recover_uploads, remove_unused
 from ballscrew.service.users import LINK_HOURS, address_of_server, first_link
 from ballscrew.service.working import Worker
@@ -173,7 +174,8 @@ def _recover(service: Service) -> None:
 def _working(service: Service, workers: Sequence[Worker]) -> Iterator[None]:
     """Workers and regular tasks, as long as the block lasts."""
     keeper = threading.Thread(target=_run_regularly, args=(service,), name="regular tasks", daemon=True)
-    for thread in (*(worker.thread for worker in workers), keeper):
+    sender = threading.Thread(target=run_messages, args=(service,), name="messages", daemon=True)
+    for thread in (*(worker.thread for worker in workers), keeper, sender):
         thread.start()
     try:
         yield
@@ -183,6 +185,7 @@ def _working(service: Service, workers: Sequence[Worker]) -> Iterator[None]:
         for worker in workers:
             worker.thread.join()
         keeper.join()
+        sender.join(_GRACEFUL)  # what it sends meanwhile is sent again
 
 
 def _run_regularly(service: Service) -> None:
@@ -218,5 +221,5 @@ def check(
     settings = read_settings(folder, path, options)
     found = {}
     for name, origin in origins(folder, path, options).items():
-        found[name] = (getattr(settings, name), origin)
+        found[name] = (plain_setting(getattr(settings, name)), origin)
     return found, settings.problems()

@@ -5,17 +5,26 @@ from __future__ import annotations
 import ipaddress
 import os
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import date
 from pathlib import Path
 from typing import Any, Literal, get_args
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from pydantic import Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.tomlfile import read_toml
+from ballscrew.service.recipients import (
+    EmailRecipient,
+    MessageRules,
+    Recipient,
+    SmtpServer,
+    WebhookRecipient,
+    recipient_problems,
+)
 from ballscrew.store.lamps import RunCalendar
 
 PREFIX = "BALLSCREW_SERVER_"
@@ -79,6 +88,11 @@ class ServerSettings(BaseSettings):
     )
     holidays: tuple[date, ...] = Field((), description="Days on which none are expected besides.")
     time_zone: str = Field("UTC", description="Time zone of these days, such as Europe/Berlin.")
+    public_url: str | None = Field(None, description="Address at which people reach the server, for links.")
+    smtp: SmtpServer | None = Field(None, description="Server that takes the e-mails.")
+    email: tuple[EmailRecipient, ...] = Field((), description="Who receives messages by e-mail.")
+    webhook: tuple[WebhookRecipient, ...] = Field((), description="Programs that receive messages.")
+    messages: MessageRules = Field(MessageRules.model_validate({}), description="When messages are sent.")
 
     @property
     def on_loopback(self) -> bool:
@@ -94,6 +108,11 @@ class ServerSettings(BaseSettings):
         """Days on which runs are expected."""
         weekdays = tuple(DAYS.index(day) for day in self.working_days)
         return RunCalendar(weekdays, self.holidays, ZoneInfo(self.time_zone))
+
+    @property
+    def recipients(self) -> tuple[Recipient, ...]:
+        """Everyone who receives messages."""
+        return (*self.email, *self.webhook)
 
     def problems(self) -> list[str]:
         """What is wrong with the settings together, a sentence each."""
@@ -113,7 +132,7 @@ class ServerSettings(BaseSettings):
                 f"{self.host} is not a loopback address: give certificate and private_key, or set "
                 "allow_plain_http, with which tokens travel unencrypted."
             )
-        return found
+        return found + recipient_problems(self.public_url, self.smtp, self.recipients, self.messages)
 
 
 def read_settings(folder: Path, config: Path | None, options: dict[str, Any]) -> ServerSettings:
@@ -151,10 +170,29 @@ def read_settings(folder: Path, config: Path | None, options: dict[str, Any]) ->
     except SettingsError as error:
         raise InputError(f"{PREFIX}*: {error}.") from None
     except ValidationError as error:
-        first = error.errors()[0]
-        name = str((*first["loc"], "the settings")[0])
-        origin = origins(folder, config, options).get(name, "settings")
-        raise InputError(f"{origin}: {name} is {shown(first['input'])}: {first['msg']}.") from None
+        raise InputError(_sentence(error, origins(folder, config, options))) from None
+
+
+def _sentence(error: ValidationError, sources: Mapping[str, str]) -> str:
+    """Sentence about the first setting that is wrong; a value in a table may be a secret, and is left out."""
+    first = error.errors(include_url=False)[0]
+    place = [str(each) for each in first["loc"]] or ["the settings"]
+    source = sources.get(place[0], "settings")
+    reason = first["msg"].removeprefix("Value error, ")
+    if len(place) > 1:
+        if first["type"] == "extra_forbidden":
+            reason = "is not a known setting"
+        return f"{source}: {'.'.join(place)}: {reason}."
+    return f"{source}: {place[0]} is {shown(first['input'])}: {reason}."
+
+
+def plain_setting(value: Any) -> Any:
+    """Value of a setting as JSON has it, without the URLs of webhooks."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    if isinstance(value, tuple):
+        return list(map(plain_setting, value))
+    return str(value) if isinstance(value, Path | date) else value
 
 
 def config_path(folder: Path, config: Path | None) -> Path | None:

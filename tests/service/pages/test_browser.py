@@ -47,6 +47,7 @@ PAGES = {
     ],
     "/help": ["/help"],
     "/help/{topic}": [f"/help/{topic}" for topic in TOPICS],
+    "/messages": ["/messages"],
     "/runs/{run}": [f"/runs/{RUN_URL}", "/runs/hostile"],
     "/runs/{run}/signals": [f"/runs/{RUN_URL}/signals"],
     "/setup": ["/setup"],

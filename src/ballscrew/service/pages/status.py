@@ -11,9 +11,11 @@ from sqlalchemy import func, select
 from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.health import Workers, age_s, ready_workers, unready, wal_bytes
 from ballscrew.service.jobs import job_documents
+from ballscrew.service.message_log import count_messages, failing_recipients
 from ballscrew.service.pages.rendering import render
 from ballscrew.service.runs import SET_ASIDE
 from ballscrew.service.serving import Service
+from ballscrew.service.settings import plain_setting
 from ballscrew.service.tokens import list_tokens
 from ballscrew.store.alarms import standing_alarms
 from ballscrew.store.tables import Axis, Upload
@@ -36,6 +38,8 @@ def show_status(
         axes = session.scalar(select(func.count()).select_from(Axis))
         alarms = standing_alarms(session)
         jobs = job_documents(session)
+        failing = failing_recipients(session, service)
+        messages = count_messages(session)
         sent = session.execute(
             select(Upload, Axis.name)
             .join(Axis, Axis.id == Upload.axis_id)
@@ -57,6 +61,8 @@ def show_status(
         oldest_s=max((age_s(job["created_at"]) for job in waiting), default=0.0),
         aside=len(jobs) - len(waiting),
         jobs=jobs[:_MOST_JOBS],
+        failing=failing,
+        messages=messages,
         sent=newest,
         ready=ready_workers(workers),
         workers=service.settings.workers,
@@ -88,13 +94,21 @@ def _store(service: Service) -> dict[str, Any]:
     return {"path": str(service.store.path), "bytes": bytes_of_sqlite, "wal_bytes": wal_bytes(service)}
 
 
+def _in_words(value: Any) -> Any:
+    """A setting that is a list or a table as one text."""
+    if isinstance(value, dict):
+        parts = [f"{name} {_in_words(each)}" for name, each in value.items() if each not in (None, [])]
+        return ", ".join(parts)
+    if isinstance(value, list):
+        return "; ".join(map(str, map(_in_words, value)))
+    return value
+
+
 def _settings(service: Service) -> list[tuple[str, Any, str, str]]:
     """Name, value, meaning and origin of each setting."""
     found = []
     for name, field in type(service.settings).model_fields.items():
-        value = getattr(service.settings, name)
-        if isinstance(value, tuple):
-            value = ", ".join(value)
+        value = _in_words(plain_setting(getattr(service.settings, name)))
         origin = service.origins.get(name, "default")
         found.append((name, value, field.description or "", origin))
     return found

@@ -1,0 +1,126 @@
+"""Rows of the store as what :mod:`ballscrew.service.messages` plans from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import datetime
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from ballscrew.monitoring.epochs import moment
+from ballscrew.service.messages import (
+    RAISED,
+    MessagePlan,
+    Notice,
+    Planned,
+    SubjectState,
+    keys_of,
+    plan_deliveries,
+)
+from ballscrew.service.serving import Service
+from ballscrew.store.tables import (
+    AlarmAction,
+    AlarmRow,
+    Assessment,
+    Axis,
+    Delivery,
+    MachineRow,
+    Message,
+    Trouble,
+)
+
+
+def planned_messages(session: Session, service: Service, at: datetime) -> Planned:
+    """Deliveries that are due and notices that wait, by the rows of the store."""
+    settings = service.settings
+    plan = MessagePlan(settings.recipients, settings.messages, settings.calendar.zone)
+    axes = set(session.scalars(select(Message.axis_id).where(Message.sent_at.is_(None))))
+    axes |= set(session.scalars(select(AlarmRow.axis_id).where(AlarmRow.retracted_at.is_(None))))
+    if not axes:
+        return Planned((), (), {})
+    topics = topics_of(session, axes)
+    notices = _notices(session, axes, topics)
+    keys = keys_of(plan, notices, at)
+    found = session.execute(select(Delivery.key, Delivery.status).where(Delivery.key.in_(keys)))
+    statuses = {key: status for key, status in found}  # noqa: C416  rows are no pairs to mypy
+    return plan_deliveries(notices, _states(session, axes, topics, at), statuses, plan, at)
+
+
+def topics_of(session: Session, axes: Iterable[int]) -> dict[str, tuple[str, str]]:
+    """Topic of each alarm and trouble of axes: the epoch of an alarm, the kind of a trouble."""
+    found = {}
+    alarms = select(AlarmRow.id, Axis.name, AlarmRow.epoch).join(Axis, Axis.id == AlarmRow.axis_id)
+    for number, axis, epoch in session.execute(alarms.where(AlarmRow.axis_id.in_(axes))):
+        found[f"alarm-{number}"] = (axis, str(epoch))
+    troubles = select(Trouble.id, Axis.name, Trouble.kind).join(Axis, Axis.id == Trouble.axis_id)
+    for number, axis, kind in session.execute(troubles.where(Trouble.axis_id.in_(axes))):
+        found[f"trouble-{number}"] = (axis, kind)
+    return found
+
+
+def _notices(session: Session, axes: Iterable[int], topics: dict[str, tuple[str, str]]) -> list[Notice]:
+    """Rows of the outbox that were not reported, and the last reported one of each alarm and trouble."""
+    columns = (Message.id, Message.key, Message.kind, Message.at, Message.sent_at, MachineRow.name)
+    rows = (
+        select(*columns)
+        .join(Axis, Axis.id == Message.axis_id)
+        .outerjoin(MachineRow, MachineRow.id == Axis.machine_id)
+        .where(Message.axis_id.in_(axes))
+        .order_by(Message.id)
+    )
+    waiting, reported = [], {}
+    for number, key, kind, at, sent_at, machine in session.execute(rows):
+        subject = key.partition("/")[0]
+        if subject not in topics:
+            continue
+        notice = Notice(
+            id=number,
+            key=key,
+            subject=subject,
+            topic=topics[subject],
+            is_alarm=subject.startswith("alarm-"),
+            machine=machine,
+            is_raised=kind == RAISED,
+            at=moment(at, "at"),
+            reported_at=None if sent_at is None else moment(sent_at, "sent_at"),
+        )
+        if sent_at is None:
+            waiting.append(notice)
+        else:
+            reported[subject] = notice
+    return [*reported.values(), *waiting]
+
+
+def _states(
+    session: Session, axes: Iterable[int], topics: dict[str, tuple[str, str]], at: datetime
+) -> dict[str, SubjectState]:
+    """State of each alarm and trouble of axes."""
+    urgent = select(Axis.id).join(Assessment, Assessment.id == Axis.assessment_id)
+    urgent_axes = set(session.scalars(urgent.where(Axis.id.in_(axes), Assessment.urgency == "now")))
+    found = {}
+    for kind, table, end in (
+        ("alarm", AlarmRow, AlarmRow.retracted_at),
+        ("trouble", Trouble, Trouble.ended_at),
+    ):
+        column = getattr(AlarmAction, f"{kind}_id")
+        rows = session.execute(select(table.id, table.axis_id, end).where(table.axis_id.in_(axes))).all()
+        actions = select(AlarmAction).where(column.in_([row[0] for row in rows])).order_by(AlarmAction.id)
+        last = {getattr(action, f"{kind}_id"): action for action in session.scalars(actions)}
+        for number, axis, ended_at in rows:
+            name = f"{kind}-{number}"
+            state, acted_at = _state(last.get(number), ended_at, at)
+            found[name] = SubjectState(topics[name], state, acted_at, kind == "alarm" and axis in urgent_axes)
+    return found
+
+
+def _state(action: AlarmAction | None, ended_at: str | None, at: datetime) -> tuple[str, datetime | None]:
+    """State by the end and by what somebody did last, and when that was."""
+    if action is None:
+        return ("raised" if ended_at is None else "ended"), None
+    state, acted_at = action.action, moment(action.at, "at")
+    if state == "shelved" and action.until is not None and moment(action.until, "until") <= at:
+        state = "raised"
+    if ended_at is not None and state != "closed":
+        state = "ended"
+    return state, acted_at
