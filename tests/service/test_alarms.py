@@ -30,6 +30,7 @@ from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.modal.run import Run
 from ballscrew.report.monitor_words import NOTHING
+from ballscrew.report.what_to_do import OLD
 from ballscrew.service.alarms import watch_for_silence
 from ballscrew.service.jobs import lease_job
 from ballscrew.service.serving import Service
@@ -326,7 +327,7 @@ def test_an_alarm_is_over_once_a_later_run_of_its_epoch_is_normal(
     state = client.get("/api/v1/axes/bench").json()
     normal = [run["measured_at"] for run in state["runs"][8:] if run["state"] == "normal"]
     assert (state["state"], alarm["state"], alarm["ended_at"]) == ("normal", "ended", normal[0])
-    assert [each["text"] for each in state["to_do"]] == [NOTHING]
+    assert [each["text"] for each in state["to_do"]] == [OLD]
     assert state["alarms"][0]["over_at"] == normal[0]
     assert client.get("/api/v1/axes/bench/trend").json()["alarms"][0]["ended_at"] == normal[0]
     assert messages(service) == [("alarm-1/1", "raised"), ("alarm-1/2", "ended")]
@@ -354,14 +355,14 @@ def test_an_alarm_of_an_epoch_before_is_to_be_closed(client: TestClient, service
     sentence = f"Close the alarm of {alarm['began_at'][:10]} with what was found: it still stands."
     found = client.get("/api/v1/axes/bench").json()
     assert (alarm["state"], found["state"]) == ("raised", "normal")
-    assert [each["text"] for each in found["to_do"]] == [sentence]
+    assert [each["text"] for each in found["to_do"]] == [OLD, sentence]
     for text in (client.get("/axes/bench").text, client.get("/axes/bench/report.html").text):
         assert sentence in text
         assert NOTHING not in text
     assert sentence in monitor_axis(service.store, "bench").notes
     act(client, alarm["id"], "close", text="the nut was worn")
     closed = client.get("/api/v1/axes/bench").json()
-    assert [each["text"] for each in closed["to_do"]] == [NOTHING]
+    assert [each["text"] for each in closed["to_do"]] == [OLD]
 
 
 def send_no_recording(client: TestClient, service: Service, key: str = "r1") -> None:

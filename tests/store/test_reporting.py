@@ -212,7 +212,7 @@ def test_a_state_without_a_schedule_is_unknown_when_it_is_old(plant: Store, tmp_
     assert ">■</span>&nbsp;alarm<" in page
     assert ">no recent run<" in page
     assert ">good<" not in page.split("What to do")[0]
-    assert page.count("Run the test: the newest run is too old to show the present state.") == 2
+    assert page.count("Run the test: the newest run is too old to show the present state.") == 3
 
 
 @pytest.mark.usefixtures("without_pictures")
@@ -259,7 +259,7 @@ def test_an_axis_that_is_only_set_up_is_in_the_report(tmp_path: Path) -> None:
     (tmp_path / "axis.toml").write_text(AXIS, encoding="utf-8")
     store.add(tmp_path / "axis.toml")
     report(store, out=tmp_path / "a.html", at=TIME)
-    assert "1 axis: 1 unknown" in (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "1 axis: 1 not assessed" in (tmp_path / "a.html").read_text(encoding="utf-8")
     assert report(store, out=tmp_path / "a.pdf", at=TIME)["pages"] == 2
 
 

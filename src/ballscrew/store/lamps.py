@@ -127,7 +127,7 @@ def add_lamps(
         if _is_reset(until, resets.get(number), at):
             because = "reset"
         document["lamp"] = _lamp(_known_state(document), because)
-        closing = to_close(standing.get(name, []), document["lamp"]["state"])
+        closing = to_close(standing.get(name, []), _known_state(document))
         document["to_do"] = coded_actions(document, [*closing, *advice.get(name, ())])
 
 

@@ -155,7 +155,7 @@ def _read(store: OpenStore, name: str, at: datetime, calendar: RunCalendar) -> S
     monitored, why = _assess(store, document, made)
     if explained is None and monitored is not None:  # of an assessment by an earlier version
         explained = explanation(monitored)
-        closing = to_close(alarms[:standing], document["lamp"]["state"])
+        closing = to_close(alarms[:standing], document["last_state"] or document["state"])
         document["to_do"] = coded_actions(document, [*closing, *explained["actions"]])
     return StoredAxis(
         document=document,
