@@ -127,7 +127,7 @@ def test_a_pdf_of_all_axes_has_an_overview_and_one_or_two_pages_of_each_that_nee
     assert "Axes that need nothing have no page here." in text
     assert "How the numbers were made" not in written
     assert "Epochs" not in written
-    for words in ("order a nut", "Clipped.", "by Ada: nut ordered", "Newest 10 of 14 runs"):
+    for words in ("order a nut", "Clipped.", "by Ada: nut ordered", "Newest 6 of 14 runs"):
         assert words in text
 
 
@@ -259,7 +259,7 @@ def test_an_axis_that_is_only_set_up_is_in_the_report(tmp_path: Path) -> None:
     (tmp_path / "axis.toml").write_text(AXIS, encoding="utf-8")
     store.add(tmp_path / "axis.toml")
     report(store, out=tmp_path / "a.html", at=TIME)
-    assert "1 axis: 1 unknown" in (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "1 axis: 1 not assessed" in (tmp_path / "a.html").read_text(encoding="utf-8")
     assert report(store, out=tmp_path / "a.pdf", at=TIME)["pages"] == 2
 
 

@@ -66,7 +66,7 @@ def test_a_run_is_uploaded_and_its_verdict_appears(
     expect(problem).to_contain_text("Temperature must be a number of °C")
     page.fill("input[name=temperature]", temperature)
     send_button.click()
-    expect(page.locator("[data-result]")).to_contain_text("waits for its analysis")
+    expect(page.locator("[data-result]")).to_contain_text("waits for its analysis", timeout=30_000)
     with plant.store.read() as session:
         (row,) = session.query(Upload).all()
         assert row.stated["measured_at"] == "2026-01-20T09:00:00+00:00"
