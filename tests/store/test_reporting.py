@@ -127,7 +127,7 @@ def test_a_pdf_of_all_axes_has_an_overview_and_one_or_two_pages_of_each_that_nee
     assert "Axes that need nothing have no page here." in text
     assert "How the numbers were made" not in written
     assert "Epochs" not in written
-    for words in ("order a nut", "Clipped.", "by Ada: nut ordered", "Newest 10 of 14 runs"):
+    for words in ("order a nut", "Clipped.", "by Ada: nut ordered", "Newest 6 of 14 runs"):
         assert words in text
 
 

@@ -28,7 +28,7 @@ from ballscrew.report.canvas import FigureBase
 from ballscrew.report.stored_words import RUN_WIDTH, changes, exclusions, stored_headline, utc_minute
 from ballscrew.report.what_to_do import WAIT
 
-_NEWEST, _NEWEST_BRIEF = 30, 10  # runs in the table
+_NEWEST, _NEWEST_BRIEF = 30, 6  # runs in the table
 _BECAUSE = {
     "overdue": "its run is overdue",
     "old": "last run is old",
@@ -233,7 +233,7 @@ def _picture(axis: StoredAxis) -> list[ReportBlock]:
     if axis.monitored is not None:
         return [DrawnPicture(draw, _CAPTION, 150.0)]
     if any(run["stiffness"] for run in axis.counting):
-        return [DrawnPicture(draw_runs, _TREND_CAPTION, 85.0)]
+        return [DrawnPicture(draw_runs, _TREND_CAPTION, 75.0)]
     return []
 
 

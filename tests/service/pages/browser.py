@@ -20,6 +20,7 @@ from tests.service.conftest import SETUP, client_of, send, work_off
 from tests.simulated_bench import AXIS
 from tests.store.stored import MODEL, RUNS
 
+from ballscrew.base.provenance import FileRef, digest
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.service.app import create_app
 from ballscrew.service.serving import ServedStore, Service
@@ -62,7 +63,8 @@ def make_plant(folder: Path) -> Service:
             assert answer.status_code == 200, answer.text
         for run in RUNS[:-1]:
             add_run(service.store, run)
-        add_run(service.store, replace(RUNS[0], axis=HOSTILE, id="hostile"))
+        files = tuple(FileRef(file.name, digest(file.sha256)) for file in RUNS[0].files)
+        add_run(service.store, replace(RUNS[0], axis=HOSTILE, id="hostile", files=files))
         event = [{"at": RUNS[0].measured_at, "kind": "note", "text": MARKUP}]
         for name in ("bench", HOSTILE):
             answer = client.post(f"/api/v1/axes/{quote(name, safe='')}/events", json=event)

@@ -35,7 +35,7 @@ def test_alarms_come_before_troubles_and_are_acted_on(client: TestClient, servic
     assert post(client, "/alarms/alarm-1", action="close", text="bearing: <loose>").status_code == 303
     page = get(client, "/alarms")
     assert "Standing (1)" in page
-    assert "<q>bearing: &lt;loose&gt;</q>" in page
+    assert '<q><span class="more">bearing: &lt;loose&gt;</span></q>' in page
     assert "Earlier (1)" in get(client, "/alarms?show=closed&axis=bench")
     assert "Earlier (0)" in get(client, "/alarms?show=retracted")
     assert "Standing (0)" in get(client, "/alarms?axis=none")

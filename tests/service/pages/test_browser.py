@@ -279,13 +279,13 @@ def test_a_table_is_sorted_by_its_heads_and_exported(window: Window, tmp_path: P
     with page.expect_download() as download:
         page.get_by_role("link", name="All axes as CSV").click()
     download.value.save_as(tmp_path / "fleet.csv")
-    rows = list(csv.DictReader((tmp_path / "fleet.csv").open(encoding="utf-8")))
+    rows = list(csv.DictReader((tmp_path / "fleet.csv").read_text(encoding="utf-8").splitlines()))
     assert {row["axis"] for row in rows} == {"bench", "Y axis", HOSTILE}
     page = window.open("/axes/bench")
     with page.expect_download() as download:
         page.locator("#axis-events ~ .tools button").click()
     download.value.save_as(tmp_path / "events.csv")
-    rows = list(csv.DictReader((tmp_path / "events.csv").open(encoding="utf-8-sig")))
+    rows = list(csv.DictReader((tmp_path / "events.csv").read_text(encoding="utf-8-sig").splitlines()))
     assert [datetime.fromisoformat(row["Time"]).tzinfo for row in rows] == [UTC]
 
 
@@ -352,7 +352,7 @@ def test_the_map_of_frf_is_computed_when_it_is_opened_and_says_which_runs_are_bl
         page.wait_for_selector("[data-plot=responses] canvas")
         about = "Runs: 1 computed from their raw files; 1 blank, since their raw files are not stored"
         assert page.locator("[data-about]").inner_text() == about
-        select = page.get_by_label("Cell", exact=True)
+        select = page.locator("[data-responses] select")
         assert select.locator("option").count() == len(RUNS[0].cells)
         with page.expect_response("**/responses?cell=5"):
             select.select_option("5")
@@ -421,10 +421,12 @@ def test_a_page_is_printed_without_controls(path: str, window: Window) -> None:
 
 def test_charts_are_redrawn_in_the_width_of_a_printed_page(window: Window) -> None:
     page = window.open("/axes/bench")
+    for plot in ("evidence", "frequencies"):
+        page.wait_for_selector(f"[data-plot={plot}] canvas")
     widths = "[...document.querySelectorAll('.uplot .u-wrap')].map((each) => each.clientWidth)"
     before = page.evaluate(widths)
     assert min(before) > 1000
     page.evaluate(f"addEventListener('beforeprint', () => queueMicrotask(() => (window.printed = {widths})))")
     page.pdf(format="A4")
     assert set(page.evaluate("printed")) == {700}
-    assert page.evaluate(widths) == before
+    assert set(page.evaluate(widths)) == set(before)

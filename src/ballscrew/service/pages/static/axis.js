@@ -648,7 +648,7 @@
     if (!drawn.length) return;
     const levels = finite(drawn.flat()).sort((a, b) => a - b);
     const end = (share) => levels[Math.round(share * (levels.length - 1))];
-    map.scale = { colours: SEQUENCE, low: end(0.02), high: end(0.98), text: (value) => `${ballscrew.number(value, 0)} dB` };
+    map.scale = { colours: SEQUENCE, low: end(0.02), high: Math.max(end(0.98), end(0.02) + 1), text: (value) => `${ballscrew.number(value, 0)} dB` };
     drawScale(root, map);
     map.rows = edges(map.frequency_Hz, Infinity);
     update(place, map.run, [map.time, map.natural_frequency_Hz], {
