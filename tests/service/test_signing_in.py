@@ -12,6 +12,7 @@ from tests.service.conftest import NewService
 from tests.service.people import PASSWORD, anonymous, new_user, signed_in
 
 from ballscrew.service import passwords, users
+from ballscrew.service.server import _print_first_link
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.signing_in import Throttle
 from ballscrew.service.users import add_user, disable_user, first_link, new_link
@@ -206,3 +207,18 @@ def test_the_first_link_ends_with_another_administrator(new_service: NewService)
     assert link is not None
     new_user(service, "anna", "admin")
     assert follow(service, link, name="eve").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("settings", "is_printed"),
+    [({}, False), ({"require_login": True}, True), ({"host": "0.0.0.0", "allow_plain_http": True}, True)],  # noqa: S104
+)
+def test_a_server_prints_the_first_link_until_there_is_a_user(
+    new_service: NewService, capsys: pytest.CaptureFixture[str], settings: dict[str, Any], is_printed: bool
+) -> None:
+    service = new_service(**settings)
+    _print_first_link(service, 8123)
+    assert (":8123/link/" in capsys.readouterr().out) == is_printed
+    new_user(service, "anna", "admin")
+    _print_first_link(service, 8123)
+    assert capsys.readouterr().out == ""

@@ -95,6 +95,7 @@ def test_a_viewer_sees_no_button_of_what_a_viewer_may_not(service: Service) -> N
             assert 'class="upload"' not in main, path
             assert 'href="/setup"' not in text, path
             assert 'href="/users"' not in text, path
+            assert 'href="/messages"' not in text, path
         setup = get(viewer, "/axes/bench/setup")
         assert "<fieldset disabled>" in setup
         assert 'value="save"' not in setup
