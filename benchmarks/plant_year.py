@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import math
 import os
 import sys
 import tempfile
@@ -64,7 +65,9 @@ _PRESENT = datetime(2026, 6, 29, 12, tzinfo=UTC)  # Monday; runs before it
 _SECRET = "BALLSCREW_BENCHMARK_SECRET"  # noqa: S105  name of a variable
 _LATE, _MISSED, _IGNORED = 0.03, 0.02, 0.15  # parts of runs and of alarms
 _INSPECTED = timedelta(days=14)  # after an alarm
+_EXCLUDED = timedelta(days=3)  # after an alarm, runs with a wrong load
 _TRUE_LOSS = 0.03  # of the stiffness's preload, from which an alarm is right
+_DISTURBED = 0.985  # of the frequencies of a run with a wrong load
 _END = 0.5  # P/P₀ at the end of a life
 _RECEIVED = timedelta(minutes=12)
 
@@ -78,6 +81,7 @@ class LivingAxis:
     then: TrueState
     random: np.random.Generator
     sent: list[Run] = field(default_factory=list)
+    disturbed: tuple[int, ...] = ()
     bearing_repaired: int | None = None
     has_model: bool = False
 
@@ -103,12 +107,14 @@ class LivingAxis:
         if self.axis.worn is None:
             return None
         begin, life = self.axis.worn
-        return begin + life * (1 - _END ** (2 / 3))
+        return float(begin + life * (1 - _END ** (2 / 3)))
 
     def measure(self, week: int, seed: int) -> Run:
         """The test of a week."""
         axis = self.at(week)
         state = _true_state(axis, week, seed)
+        if week in self.disturbed:
+            state = replace(state, free=_DISTURBED * state.free, rotor_held=_DISTURBED * state.rotor_held)
         run = imitate_run(self.template, self.then, state, random_of(axis, seed, week, 2))
         measured_at = axis.measured_at(week, _PRESENT).isoformat()
         identity = digest([axis.name, measured_at, seed])
@@ -182,7 +188,8 @@ class Year:
             ):
                 self.acknowledged.add(alarm["id"])
                 if self.random.uniform() >= _IGNORED:
-                    self.due.append((at + timedelta(hours=20), alarm["id"], "acknowledge"))
+                    self.due.append((at + timedelta(hours=8), alarm["id"], "acknowledge"))
+                self.due.append((at + _EXCLUDED, alarm["id"], "exclude"))
                 self.due.append((at + _INSPECTED, alarm["id"], "close"))
         for deed in sorted(deed for deed in self.due if deed[0] <= at):
             self.due.remove(deed)
@@ -194,10 +201,13 @@ class Year:
         alarm = found[name]
         if alarm["state"] in ("retracted", "closed"):
             return
+        living = next(each for each in self.axes if each.axis.name == alarm["axis"])
+        if action == "exclude":
+            self.exclude(living, at)
+            return
         if action == "acknowledge":
             self.call(at, "POST", f"/api/v1/alarms/{name}", json={"action": action, "text": "seen"})
             return
-        living = next(each for each in self.axes if each.axis.name == alarm["axis"])
         week = week_of(at)
         finding = "nothing found"
         if living.ratio(week) < 1 - _TRUE_LOSS:
@@ -212,6 +222,15 @@ class Year:
         self.findings.append({"alarm": name, "finding": finding, "lead": lead, "before_end": before})
         if finding == "preload loss":
             self.repair(living, at, int(week))
+
+    def exclude(self, living: LivingAxis, at: datetime) -> None:
+        """Exclude the runs whose load was wrong, as somebody finds out after the alarm."""
+        for run in living.sent:
+            if math.ceil(week_of(datetime.fromisoformat(str(run.measured_at)))) in living.disturbed:
+                path = f"/api/v1/axes/{living.axis.name}/runs/{run.id}/exclusion"
+                self.call(at, "POST", path, json={"reason": "the load was another one"})
+        living.disturbed = ()
+        self.work(at)
 
     def repair(self, living: LivingAxis, at: datetime, week: int) -> None:
         """Replace the nut, or adjust the bearing, which begins a new epoch."""
@@ -246,7 +265,10 @@ def make_axes(number: int, weeks: int, seed: int, folder: Path) -> list[LivingAx
         elif fate == 5:
             axis = replace(axis, bearing=(begin, float(random.uniform(0.01, 0.03))))
         run, then = _template(axis, kind, templates, seed, folder)
-        found.append(LivingAxis(axis, run, then, np.random.default_rng([seed, index])))
+        living = LivingAxis(axis, run, then, np.random.default_rng([seed, index]))
+        if fate == 3:
+            living.disturbed = tuple(range(int(begin), int(begin) + 3))
+        found.append(living)
         print(
             f"{axis.name}: {'worn' if axis.worn else 'bearing' if axis.bearing else 'healthy'}",
             file=sys.stderr,
@@ -261,7 +283,7 @@ def _template(
     if id(kind) not in templates:
         at = axis.measured_at(axis.first, _PRESENT).isoformat()
         rig = rig_of(axis, axis.first, seed)
-        options = {"seed": seed, "sheet": axis.sheet, "measured_at": at, "workers": 1}
+        options: dict[str, Any] = {"seed": seed, "sheet": axis.sheet, "measured_at": at, "workers": 1}
         files = simulate_run(rig, kind.plan, kind.load, folder / axis.name, **options)
         run = replace(analyze(files.run), frequency_response=None)
         templates[id(kind)] = run, _true_state(axis, axis.first, seed)
@@ -369,7 +391,8 @@ def report(year: Year, counts: Counter[str], received: list[dict[str, Any]]) -> 
 
 def _unbalanced(received: list[dict[str, Any]]) -> list[str]:
     """Axes of which a second alarm was reported without a retraction or a repair in between."""
-    wrong, standing = [], set()
+    wrong: list[str] = []
+    standing: set[tuple[str, str]] = set()
     for each in received:
         if each["to"] != "/maintenance" or each["kind"] not in ("raised", "urgent", "retracted"):
             continue
