@@ -36,7 +36,7 @@ def planted(worn_service: Service, monkeypatch: pytest.MonkeyPatch) -> tuple[Ser
     monkeypatch.setenv("BALLSCREW_SERVER_SECRET", "hunter2")
     monkeypatch.setenv("BALLSCREW_STORE", "/home/Erika Mustermann/plant")
     verify(worn_service.store.path)
-    _, token = create_token(worn_service.store, None, admin=True)
+    _, token = create_token(worn_service.store, None, role="admin")
     log = logging.getLogger("ballscrew.service")
     with logging_to(worn_service.store.path, "json"), client_of(worn_service) as other:
         note = [{"at": RUNS[0].measured_at, "kind": "note", "text": "Erika Mustermann: 84.3125 Hz"}]

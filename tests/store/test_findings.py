@@ -12,7 +12,6 @@ from scipy.stats import binomtest
 from ballscrew.base.errors import InputError
 from ballscrew.store.findings import (
     CONFIRMED,
-    NOT_INSPECTED,
     NOTHING,
     OTHER,
     precision,
@@ -35,7 +34,7 @@ def test_the_interval_is_that_of_wilson(inspected: int, data: st.DataObject) -> 
 
 def test_without_an_inspected_alarm_there_is_no_number() -> None:
     assert precision(0, 0) is None
-    found = summarise([alarm(NOT_INSPECTED), alarm(None), alarm(None, closed=False)])
+    found = summarise([alarm("not inspected"), alarm(None), alarm(None, closed=False)])
     assert (found["alarms"], found["closed"], found["not_inspected"]) == (3, 2, 2)
     assert (found["inspected"], found["precision"], found["lead_days"]) == (0, None, None)
 

@@ -15,8 +15,8 @@ from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.monitoring.epochs import moment
 from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, MachineRow, RunRow, StateRow
 
-CONFIRMED, OTHER, NOTHING, NOT_INSPECTED = "preload loss", "another cause", "nothing found", "not inspected"
-"""What an alarm of an axis is closed with; another cause is stored as ``another cause: CAUSE``."""
+CONFIRMED, OTHER, NOTHING = "preload loss", "another cause", "nothing found"
+"""What is found by an inspection; another cause is stored as ``another cause: CAUSE``."""
 
 _INSPECTED = (CONFIRMED, OTHER, NOTHING)
 _RULES = ("ramp", "odds")
