@@ -114,3 +114,6 @@ simulate_healthy
 _get_socket
 default_port
 _checked_url
+# logging and SQLAlchemy call these
+handleError
+_is_stored_in_rows

@@ -20,7 +20,7 @@ COMMANDS = [
     "report", "reprocess", "reproduce", "send", "serve", "simulate multi-level-mass", "simulate run",
     "simulate run-to-failure",
     "store add", "store archive", "store backup", "store correct", "store exclude", "store export",
-    "store gc", "store init", "store list", "store migrate", "store restore", "store show",
+    "store gc", "store init", "store list", "store migrate", "store restore", "store retain", "store show",
     "store simulate-fleet", "store verify", "token create", "token list", "token revoke",
     "user add", "user disable", "user link", "user list", "user role", "watch",
 ]  # fmt: skip

@@ -7,6 +7,7 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.store.stored import EVENTS, MODEL, RUNS
@@ -72,6 +73,7 @@ def test_every_command_prints_a_document(capsys: pytest.CaptureFixture[str]) -> 
     assert printed(capsys, "store", "restore", "backup", "--to", "restored")["store"] == "restored"
     assert printed(capsys, "store", "export", "bench", "--to", "bench")["to"] == "bench"
     assert printed(capsys, "store", "archive", "bench", "--to", "archive")["files"] == 0
+    assert printed(capsys, "store", "retain", "--days", "1", "--dry-run")["axes"] == []
     assert printed(capsys, "store", "migrate")["from"] == printed(capsys, "store", "migrate")["to"]
     assert printed(capsys, "reprocess")["analyzed"] == 0
     fleet = ("store", "simulate-fleet", "--axes", "2", "--years", "0.2", "--cells", "4")
@@ -94,6 +96,33 @@ def test_a_report_is_written_and_named(
     monkeypatch.delenv("BALLSCREW_STORE")
     assert run(["report", "--out", "a.html"]) == 2
     assert "no store is given: give its folder (--data DIR)" in capsys.readouterr().err
+
+
+def test_the_settings_of_the_server_count_for_commands(
+    plant: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: dict[str, Any] = {}
+    monkeypatch.setattr("ballscrew.store.reporting.report", lambda *_, **options: given.update(options) or {})
+    assert run(["report", "--out", "a.html"]) == 0
+    assert "calendar" not in given
+    settings = 'working_days = ["Mon"]\nretention_days = 5\nretention_newest = 7\n'
+    (plant / "server.toml").write_text(settings, encoding="utf-8")
+    assert run(["report", "--out", "a.html"]) == 0
+    assert given["calendar"].weekdays == (0,)
+    capsys.readouterr()
+    assert printed(capsys, "store", "retain")["policy"] == {"days": 5.0, "newest": 7}
+    assert printed(capsys, "store", "retain", "--newest", "1")["policy"] == {"days": 5.0, "newest": 1}
+    assert run(["store", "retain", "--dry-run"]) == 0
+    assert capsys.readouterr().out == "To be deleted: 0 raw files, 0 bytes.\n"
+    (plant / "server.toml").write_text("nonsense = 1\n", encoding="utf-8")
+    assert run(["report", "--out", "a.html"]) == 2
+
+
+def test_a_support_bundle_is_written(plant: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["serve", "--data", "plant", "--support-bundle", "bundle.zip"]) == 0
+    assert capsys.readouterr().out == "Support bundle: bundle.zip\n"
+    assert (plant.parent / "bundle.zip").stat().st_size > 0
+    assert run(["serve", "--data", "plant", "--support-bundle", "missing/bundle.zip"]) == 2
 
 
 @pytest.mark.usefixtures("plant")
@@ -174,6 +203,8 @@ def test_every_command_prints_a_sentence(capsys: pytest.CaptureFixture[str]) -> 
         ("reprocess --scheduler tcp://192.0.2.1:8786", "is on another computer"),
         ("reprocess --scheduler tcp://127.0.0.1:1 --workers 2", "give --scheduler or --workers"),
         ("store simulate-fleet --years 0", "50 years at most"),
+        ("store retain", "state an age (--days), or retention_days in server.toml"),
+        ("store retain --days -1", "must be 0 or more"),
     ],
 )
 def test_what_is_wrong_is_a_sentence(capsys: pytest.CaptureFixture[str], command: str, sentence: str) -> None:

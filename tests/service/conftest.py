@@ -82,6 +82,35 @@ def client(service: Service) -> Iterator[TestClient]:
         yield client
 
 
+@pytest.fixture(scope="session")
+def worn_store(tmp_path_factory: pytest.TempPathFactory, empty_store: Path) -> Path:
+    """A store with an axis that is worn, assessed and in alarm, to be copied."""
+    from tests.service.pages.forms import fill_axis
+
+    folder = tmp_path_factory.mktemp("worn") / "store"
+    shutil.copytree(empty_store, folder)
+    service = Service(ServedStore(folder), ServerSettings(min_free_bytes=0))
+    service.partial.mkdir()
+    with client_of(service) as client:
+        assert client.put("/api/v1/axes/bench", json=SETUP).status_code == 200
+        fill_axis(client, service)
+    return folder
+
+
+@pytest.fixture
+def worn_service(tmp_path: Path, worn_store: Path) -> Service:
+    """A service of an axis that is in alarm."""
+    shutil.copytree(worn_store, tmp_path / "worn")
+    return Service(ServedStore(tmp_path / "worn"), ServerSettings(min_free_bytes=0))
+
+
+@pytest.fixture
+def worn(worn_service: Service) -> Iterator[TestClient]:
+    """Its client."""
+    with client_of(worn_service) as found:
+        yield found
+
+
 def client_of(service: Service, **options: Any) -> TestClient:
     """A client on this computer."""
     return TestClient(create_app(service), base_url="http://localhost", **options)

@@ -163,7 +163,9 @@ def test_no_secret_is_printed_or_on_a_page(
     service = new_service()
     service.settings = settings
     with client_of(service) as client:
-        answers = [client.get(path).text for path in ("/status", "/messages", "/api/v1/messages", "/metrics")]
+        answers = [
+            client.get(path).text for path in ("/settings", "/messages", "/api/v1/messages", "/metrics")
+        ]
     shown = "".join([*table, *printed, *answers, repr(settings), str(settings)])
     for secret in (PASSWORD, SECRET, IN_URL):
         assert secret not in shown
@@ -183,7 +185,7 @@ def test_a_table_of_the_environment_overrides_that_of_the_file(
 
 def test_settings_of_days_are_shown_on_the_page(new_service: NewService) -> None:
     with client_of(new_service(holidays=("2026-12-25",))) as client:
-        assert "2026-12-25" in client.get("/status").text
+        assert "2026-12-25" in client.get("/settings").text
 
 
 def test_the_page_lists_every_field_with_its_default() -> None:

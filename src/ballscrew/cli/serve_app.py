@@ -43,6 +43,13 @@ def serve(
     check: Annotated[
         bool, flag("Print the settings, where each comes from, and what is wrong.", "--check")
     ] = False,
+    support_bundle: Annotated[
+        Path | None,
+        option(
+            "Write versions, settings, counts and the log for a report of a fault, and stop. [default: none]",
+            "FILE.zip",
+        ),
+    ] = None,
     demo: Annotated[
         bool,
         flag("Serve a simulated plant of twelve axes; without --data it is removed at the end.", "--demo"),
@@ -58,6 +65,8 @@ def serve(
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     if check:
         return _check(data, config, options, as_json=as_json)
+    if support_bundle is not None:
+        return _bundle(support_bundle, data, config, options)
     from ballscrew.service.server import serve as serve_store
 
     if demo:
@@ -113,6 +122,18 @@ def revoke(
 ) -> int:
     """Revoke a token."""
     return _revoke(data, number, as_json=as_json)
+
+
+def _bundle(to: Path, data: Path | None, config: Path | None, options: dict[str, Any]) -> int:
+    """Write a support bundle, and print its name."""
+    from ballscrew.service.settings import default_folder, origins, read_settings
+    from ballscrew.service.support import write_bundle
+
+    folder = data or default_folder()
+    settings = read_settings(folder, config, options)
+    write_bundle(folder, settings, origins(folder, config, options), to)
+    console().print(f"Support bundle: {to}", markup=False, soft_wrap=True)
+    return DONE
 
 
 def _check(data: Path | None, config: Path | None, options: dict[str, Any], *, as_json: bool) -> int:

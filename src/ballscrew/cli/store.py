@@ -195,8 +195,7 @@ def _origins(document: dict[str, Any]) -> Iterator[str]:
     """Lines on the recordings, documents and results of a run."""
     for file in document["recordings"]:
         yield f"Recording {file['name']}: SHA-256 {file['sha256']}"
-        place = "in the store" if file["stored"] else file["archived_to"] or "not in the store"
-        yield f"  reader {file['reader'] or 'not stated'}; {place}"
+        yield f"  reader {file['reader'] or 'not stated'}; {_place(file)}"
     for kind, key in sorted(document["documents"].items()):
         yield f"{kind}: digest {key}"
     for result in document["results"]:
@@ -204,6 +203,15 @@ def _origins(document: dict[str, Any]) -> Iterator[str]:
         history = ", part of the history" if result["history"] else ""
         yield f"{text}: {result['quality']}{history}; digest {result['digest']}"
         yield f"  settings {json.dumps(result['settings'], sort_keys=True)}"
+
+
+def _place(file: dict[str, Any]) -> str:
+    """Where the content of a recording is."""
+    if file["stored"]:
+        return "in the store"
+    if file["deleted_at"] is not None:
+        return f"deleted by policy at {utc_minute(file['deleted_at'])}"
+    return file["archived_to"] or "not in the store"
 
 
 def _runs(runs: Sequence[dict[str, Any]]) -> Table:
@@ -239,6 +247,7 @@ def correct_store(
 
     if model is None:
         found = correct_run(store, subject, measured_at=measured_at, mass=mass, reason=reason)
+        _update_parts(store, found)
         return _report({"run": found, "supersedes": subject}, f"Corrected; its id is now {found}.", as_json)
     if measured_at is not None or mass is not None:
         raise InputError("--model is for an axis, --measured-at and --mass are for a run; give one of them.")
@@ -258,10 +267,24 @@ def _report(document: dict[str, Any], sentence: str, as_json: bool) -> int:
 def exclude_store(store: OpenStore, subject: str, *, reason: str, undo: bool, as_json: bool) -> int:
     """Exclude a run or an event, or include it again."""
     from ballscrew.store.changing import exclude
+    from ballscrew.store.parts import is_decided
 
+    with store.read() as session:
+        decided = undo and is_decided(session, subject)
     found = exclude(store, subject, reason=reason, undo=undo)
+    if not decided:
+        _update_parts(store, found)
     done = "Included" if undo else "Excluded"
     return _report({"id": found, "excluded": not undo}, f"{done}: {found}.", as_json)
+
+
+def _update_parts(store: OpenStore, subject: str) -> None:
+    """Let the parts of a run of a split upload count, or not, as after a request to the server."""
+    from ballscrew.store.folder import actor
+    from ballscrew.store.parts import update_parts
+
+    with store.write("parts") as session:
+        update_parts(session, subject, actor())
 
 
 def archive_store(store: OpenStore, axis: str, to: Path, *, newest: int, as_json: bool) -> int:
@@ -343,6 +366,35 @@ def gc_store(store: OpenStore, *, dry_run: bool, as_json: bool) -> int:
     return _report(document, f"{done}: {len(document['removed'])} files, {document['bytes']} bytes.", as_json)
 
 
+def retain_store(
+    store: OpenStore, days: float | None, newest: int | None, *, dry_run: bool, as_json: bool
+) -> int:
+    """Delete raw files by a policy."""
+    from ballscrew.store.retention import RetentionPolicy, retain
+
+    settings = _server_settings(store.path)
+    if days is None:
+        days = getattr(settings, "retention_days", None)
+    if newest is None:
+        newest = getattr(settings, "retention_newest", 30)
+    if days is None:
+        raise InputError("no policy is given: state an age (--days), or retention_days in server.toml.")
+    document = retain(store, RetentionPolicy(days, newest), dry_run=dry_run)
+    number = sum(len(axis["files"]) for axis in document["axes"])
+    done = "To be deleted" if dry_run else "Deleted"
+    sentence = f"{done}: {plural(number, 'raw file')}, {document['bytes']} bytes."
+    return _report(document, sentence, as_json)
+
+
+def _server_settings(folder: Path) -> Any:
+    """Settings of the server of a store; None where it has no server.toml."""
+    if not (folder / "server.toml").is_file():
+        return None
+    from ballscrew.service.settings import read_settings
+
+    return read_settings(folder, None, {})
+
+
 def reprocess_store(
     store: OpenStore,
     axes: Sequence[str],
@@ -412,8 +464,10 @@ def report_store(store: OpenStore, axis: str | None, out: Path, *, as_json: bool
     """Write a report, and print its name."""
     from ballscrew.store.reporting import report
 
+    settings = _server_settings(store.path)
+    calendar = {} if settings is None else {"calendar": settings.calendar}
     with progress_bar(out.name) as progress:
-        document = report(store, axis, out=out, progress=progress)
+        document = report(store, axis, out=out, progress=progress, **calendar)
     if as_json:
         print_json(document)
     else:

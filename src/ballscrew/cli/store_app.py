@@ -227,6 +227,33 @@ def gc(
     return gc_store(open_store(store), dry_run=dry_run, as_json=as_json)
 
 
+@store.command(cls=Command, epilog="Example: ballscrew store retain --days 365 --dry-run --store plant")
+def retain(
+    store: StoreFolder = None,
+    days: Annotated[
+        float | None,
+        option("Age of the raw files that are deleted. [default: retention_days of server.toml]", "DAYS"),
+    ] = None,
+    newest: Annotated[
+        int | None,
+        option(
+            "Newest runs of an axis whose raw files stay. [default: retention_newest of server.toml, or 30]",
+            "N",
+        ),
+    ] = None,
+    dry_run: Annotated[bool, flag("List the files only.", "--dry-run")] = False,
+    as_json: Json = False,
+) -> int:
+    """Delete old raw files by a policy; the results stay.
+
+    Raw files of baselines, of runs at which an alarm began and of the newest runs stay, and all those of an
+    axis that was not assessed since its last change.
+    """
+    from ballscrew.cli.store import open_store, retain_store
+
+    return retain_store(open_store(store), days, newest, dry_run=dry_run, as_json=as_json)
+
+
 @store.command(
     cls=Command,
     name="simulate-fleet",

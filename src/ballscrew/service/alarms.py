@@ -14,12 +14,15 @@ from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA
-from ballscrew.monitoring.epochs import moment
+from ballscrew.monitoring.epochs import Event, moment
 from ballscrew.service.access import MaintainerCaller, RunningService, ViewerCaller
 from ballscrew.service.counting import doubted_runs, doubts_of
+from ballscrew.service.jobs import request_assessment
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.settings import ServerSettings
+from ballscrew.store.adding import insert_events
 from ballscrew.store.alarms import alarm_document, alarm_documents, alarm_over_at
+from ballscrew.store.findings import stored_finding
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
 from ballscrew.store.tables import (
@@ -42,6 +45,15 @@ _LONGEST_TEXT = 4000  # characters of the text of a trouble
 _ACTIONS = {"acknowledge": "acknowledged", "shelve": "shelved", "close": "closed", "reopen": "raised"}
 
 
+class Maintenance(BaseModel):
+    """What was done to an axis: an event, which may begin a new epoch."""
+
+    model_config = ConfigDict(extra="forbid")
+    at: str = Field(max_length=64, description="ISO 8601.")
+    kind: str = Field(max_length=64, description="Kind of an event.")
+    text: str = Field("", max_length=10_000)
+
+
 class Action(BaseModel):
     """What a person does about an alarm."""
 
@@ -49,6 +61,11 @@ class Action(BaseModel):
     action: Literal["acknowledge", "shelve", "close", "reopen"]
     until: str | None = Field(None, max_length=64, description="With shelve: its end, ISO 8601.")
     text: str = Field("", max_length=10_000, description="Finding; close needs one.")
+    finding: Literal["preload loss", "another cause", "nothing found", "not inspected"] | None = Field(
+        None, description="With close, of an alarm of an axis: what was found."
+    )
+    cause: str = Field("", max_length=1000, description="Which other cause.")
+    maintenance: Maintenance | None = Field(None, description="With close: what was done.")
 
 
 @router.get("")
@@ -64,19 +81,36 @@ def act(alarm: str, action: Action, caller: MaintainerCaller, service: RunningSe
     _check(action)
     with service.store.write("alarm") as session:
         kind, row = _find_alarm(session, alarm)
-        document = alarm_document(session, row)
-        if _is_repeated(document, action, caller.name):
-            return {"schema": SCHEMA, **document}
-        if document["state"] == "closed" and action.action in ("acknowledge", "shelve"):
+        if action.finding is not None and kind != "alarm":
+            raise InputError("a finding is that of an alarm of an axis; a trouble is closed with a text.")
+        before = alarm_document(session, row)
+        if _is_repeated(before, action, caller.name):
+            return {"schema": SCHEMA, **before}
+        if before["state"] == "closed" and action.action in ("acknowledge", "shelve"):
             raise RefusedError(409, f"{alarm} was closed already; reopen it first.")
         taken = AlarmAction(
             action=_ACTIONS[action.action], until=action.until, text=action.text, actor=caller.name, at=now()
         )
+        if action.finding is not None:
+            taken.finding = stored_finding(action.finding, action.cause)
+        if action.maintenance is not None:
+            taken.event = _add_maintenance(session, row.axis_id, action.maintenance)
         setattr(taken, f"{kind}_id", row.id)
         session.add(taken)
-        record(session, action.action, alarm, by=caller.name, text=action.text, until=action.until)
         session.flush()
         document = alarm_document(session, row)
+        record(
+            session,
+            action.action,
+            alarm,
+            axis=before["axis"],
+            by=caller.name,
+            text=action.text,
+            until=action.until,
+            finding=taken.finding,
+            event=taken.event,
+            changed={"state": [before["state"], document["state"]]},
+        )
     service.announce()
     return {"schema": SCHEMA, **document}
 
@@ -85,11 +119,24 @@ def _is_repeated(document: dict[str, Any], action: Action, by: str) -> bool:
     """Whether an alarm is in the state after an action, by the same action of the same person."""
     done, newest = _ACTIONS[action.action], document["actions"][-1:]
     same = {"action": done, "by": by, "until": action.until, "text": action.text}
+    same |= {"finding": action.finding, "cause": action.cause.strip() or None}
     return document["state"] == done and all(same.items() <= each.items() for each in newest)
+
+
+def _add_maintenance(session: Session, axis: int, done: Maintenance) -> str:
+    """Add the event of a maintenance, and the job that assesses its axis; its digest."""
+    row = session.get_one(Axis, axis)
+    (key,), _ = insert_events(session, row, (Event(done.at, done.kind, done.text),))
+    request_assessment(session, row)
+    return key
 
 
 def _check(action: Action) -> None:
     """Check that an action has what it needs."""
+    if action.action != "close" and (action.finding, action.cause, action.maintenance) != (None, "", None):
+        raise InputError("finding, cause and maintenance belong to close.")
+    if action.finding is None and action.cause:
+        raise InputError("cause needs a finding.")
     if action.action == "close" and not action.text.strip():
         raise InputError("an alarm is closed with a finding (text).")
     if (action.action == "shelve") != (action.until is not None):

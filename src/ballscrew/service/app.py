@@ -17,6 +17,7 @@ from ballscrew.service import (
     health,
     message_log,
     reading,
+    records,
     responses,
     runs,
     signals,
@@ -25,6 +26,7 @@ from ballscrew.service import (
 )
 from ballscrew.service.calibrating import Calibrator
 from ballscrew.service.guard import Guard
+from ballscrew.service.logs import RequestLog
 from ballscrew.service.on_demand import OnDemand
 from ballscrew.service.pages import (
     account,
@@ -36,6 +38,7 @@ from ballscrew.service.pages import (
     fleet,
     help_topics,
     message_page,
+    record_pages,
     rendering,
     run,
     setup,
@@ -48,12 +51,12 @@ from ballscrew.service.signing_in import Throttle
 from ballscrew.service.working import Worker
 
 _RESOURCES = (
-    uploads, runs, axes, calibrating, curves, reading, comparing, signals, responses, alarms, tokens,
+    uploads, runs, axes, calibrating, curves, reading, comparing, signals, responses, alarms, records, tokens,
     message_log, health,
 )  # fmt: skip
 _PAGES = (
-    fleet, run, compare, alarm_list, actions, setup, calibration_page, help_topics, status, message_page,
-    rendering, sign_in, account, users, axis,
+    fleet, run, compare, alarm_list, record_pages, actions, setup, calibration_page, help_topics, status,
+    message_page, rendering, sign_in, account, users, axis,
 )  # fmt: skip
 # The page of an axis comes last: the name of an axis may contain slashes.
 
@@ -92,4 +95,5 @@ def create_app(service: Service, workers: Sequence[Worker] = ()) -> FastAPI:
     answer_errors(app)
     help_topics.answer_browsers(app)
     app.add_middleware(Guard, service=service)
+    app.add_middleware(RequestLog)
     return app

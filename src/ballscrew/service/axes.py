@@ -20,7 +20,7 @@ from ballscrew.monitoring.epochs import Event, moment
 from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.channels import read_channels
 from ballscrew.service.access import AdminCaller, Caller, MaintainerCaller, RunningService, find_sent_axis
-from ballscrew.service.counting import check_time, is_part, update_parts
+from ballscrew.service.counting import check_time
 from ballscrew.service.jobs import request_assessment
 from ballscrew.service.reading import missing_of
 from ballscrew.service.serving import RefusedError, Service
@@ -30,6 +30,7 @@ from ballscrew.store.changing import choose_model, correct_run, exclude
 from ballscrew.store.folder import now
 from ballscrew.store.histories import read_stored_history
 from ballscrew.store.opened import record
+from ballscrew.store.parts import is_decided, update_parts
 from ballscrew.store.raw_files import text_files
 from ballscrew.store.reading import find_axis
 from ballscrew.store.tables import EventRow, Setup
@@ -107,6 +108,7 @@ def set_up_axis(axis: str, setup: AxisSetup, caller: AdminCaller, service: Runni
             if kind in digests:
                 insert_document(session, kind, digests[kind], str(texts[kind]), None)
         found = session.get(Setup, row.id)
+        before = _setup_document(found)
         if found is None:
             found = Setup(axis_id=row.id, set_up_at=now())
             session.add(found)
@@ -114,10 +116,19 @@ def set_up_axis(axis: str, setup: AxisSetup, caller: AdminCaller, service: Runni
         found.period_s = found.grace_s = None
         if setup.schedule is not None:
             found.period_s, found.grace_s = setup.schedule.period_s, setup.schedule.grace_s
-        record(session, "set up", f"axis {axis}", by=caller.name, **digests)
+        changed = {}
+        for name, value in _setup_document(found).items():
+            if before[name] != value:
+                changed[name] = [before[name], value]
+        record(session, "set up", f"axis {axis}", axis=axis, by=caller.name, changed=changed)
     service.announce()
     document = {"schema": SCHEMA, "axis": axis, "new": added.is_new, "documents": digests}
     return document | {"missing": missing_of(service, axis)}
+
+
+def _setup_document(row: Setup | None) -> dict[str, Any]:
+    """What is set up for an axis, for the audit."""
+    return {name: getattr(row, name, None) for name in ("sheet", "plan", "channels", "period_s", "grace_s")}
 
 
 @router.put("/model")
@@ -135,7 +146,7 @@ def add_axis_model(
     added = add_model(service.store, model)
     if use:
         choose_model(service.store, axis, added.subject, reason="chosen when it was added")
-    _assess_soon(service, axis, caller.name)
+    _assess_soon(service, axis)
     return {"schema": SCHEMA, "axis": axis, "new": added.is_new, "digest": added.subject}
 
 
@@ -155,7 +166,7 @@ def add_axis_events(
     if preview:
         return {"schema": SCHEMA, "axis": axis, "stored": False, **_preview(service, axis, found)}
     added = add_events(service.store, found, axis)
-    _assess_soon(service, axis, caller.name)
+    _assess_soon(service, axis)
     return {"schema": SCHEMA, "axis": axis, "stored": True, "new": added.is_new}
 
 
@@ -180,10 +191,10 @@ def _exclude(
 ) -> dict[str, Any]:
     """Exclude a run or an event, or include it where there is no reason, and assess its axis."""
     subject = _find(service, axis, kind, subject, caller)
-    with service.store.read() as session:  # a person wants both to count
-        is_decided = kind == "events" or (reason is None and is_part(session, subject))
+    with service.store.read() as session:
+        decided = reason is None and is_decided(session, subject)  # a person wants both to count
     exclude(service.store, subject, reason=reason or "", undo=reason is None, by=caller.name)
-    if not is_decided:
+    if not decided:
         with service.store.write("parts") as session:
             update_parts(session, subject, caller.name)
     _assess_soon(service, axis)
@@ -243,10 +254,8 @@ def _preview(service: Service, axis: str, events: tuple[Event, ...]) -> dict[str
     return found
 
 
-def _assess_soon(service: Service, axis: str, by: str | None = None) -> None:
-    """Assess an axis after a change, whose row of the audit does not state by whom where ``by`` is given."""
+def _assess_soon(service: Service, axis: str) -> None:
+    """Assess an axis after a change."""
     with service.store.write("assess") as session:
         request_assessment(session, find_axis(session, axis))
-        if by is not None:
-            record(session, "request", f"assessment of {axis}", by=by)
     service.announce()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
@@ -19,6 +20,12 @@ from ballscrew.service.working import Worker
 from ballscrew.store.tables import Axis, Delivery, JobRow, ResultRow, Upload
 
 router = APIRouter()
+
+_log = logging.getLogger("ballscrew.service")
+
+_SENT, _FAILED = "sent", "failed"  # of calls of heartbeat_url
+_FIRST_BEAT = 60.0  # s after the start, so that workers are ready
+_PATIENCE = 10.0  # s for a call
 
 
 def workers_of(request: Request) -> Sequence[Worker]:
@@ -101,6 +108,8 @@ def _metrics(session: Session, service: Service, ready: int) -> list[str]:
     lines.append(_metric("message_attempts_total", "counter", "Attempts to send them.", {"": attempts}))
     refusals = {f'{{status="{status}"}}': count for status, count in sorted(service.refusals.items())}
     lines.append(_metric("refusals_total", "counter", "Requests that were refused.", refusals))
+    beats = {f'{{result="{result}"}}': service.heartbeats[result] for result in (_SENT, _FAILED)}
+    lines.append(_metric("heartbeats_total", "counter", "Calls of heartbeat_url.", beats))
     return lines
 
 
@@ -113,6 +122,48 @@ def _metric(name: str, kind: str, text: str, values: Mapping[str, float]) -> str
 
 def _counts(session: Session, query: Any, label: str) -> dict[str, float]:
     return {f'{{{label}="{name}"}}': count for name, count in session.execute(query)}
+
+
+def beat_regularly(service: Service, workers: Sequence[Worker]) -> None:
+    """Call the address of the settings in each period, until the service stops.
+
+    Parameters
+    ----------
+    service : Service
+        The service.
+    workers : sequence of Worker
+        Its workers.
+    """
+    if service.settings.heartbeat_url is None:
+        return
+    while not service.stopping.wait(_FIRST_BEAT if not service.heartbeats else service.settings.heartbeat_s):
+        beat(service, workers)
+
+
+def beat(service: Service, workers: Sequence[Worker]) -> None:
+    """Call the address of the settings, unless runs are not received or analysed: silence is the message.
+
+    Parameters
+    ----------
+    service : Service
+        The service.
+    workers : sequence of Worker
+        Its workers.
+    """
+    import httpx
+
+    url = service.settings.heartbeat_url
+    if url is None:
+        return
+    try:
+        reason = unready(service, workers)
+        if reason is None:
+            httpx.get(url.get_secret_value(), timeout=_PATIENCE).raise_for_status()
+    except Exception as error:  # noqa: BLE001  the next one is called, whatever it is
+        reason = type(error).__name__  # its text contains the address, which may be a secret
+    service.heartbeats[_SENT if reason is None else _FAILED] += 1
+    if reason is not None:
+        _log.warning("no heartbeat: %s", reason)
 
 
 def age_s(text: str | None) -> float:

@@ -354,6 +354,7 @@ def _rows_after(service: Service, after: int, caller: Caller) -> list[tuple[int,
         rows = session.scalars(query).all()
     found = []
     for row in rows:
-        document = {"at": row.at, "action": row.action, "subject": row.subject, **row.detail}
+        detail = {name: value for name, value in row.detail.items() if name != "from"}
+        document = {"at": row.at, "action": row.action, "subject": row.subject, **detail}
         found.append((row.id, f"id: {row.id}\nevent: change\ndata: {json.dumps(document)}\n\n"))
     return found

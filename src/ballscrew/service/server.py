@@ -20,7 +20,9 @@ from ballscrew.base.errors import InputError
 from ballscrew.service.alarms import watch_for_silence, write_messages
 from ballscrew.service.app import create_app
 from ballscrew.service.delivering import run_messages
+from ballscrew.service.health import beat_regularly
 from ballscrew.service.jobs import release_jobs, request_assessment
+from ballscrew.service.logs import logging_to
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings, default_folder, origins, plain_setting, read_settings
 from ballscrew.service.uploads import recover_uploads, remove_unused
@@ -28,12 +30,14 @@ from ballscrew.service.users import LINK_HOURS, address_of_server, first_link
 from ballscrew.service.working import Worker
 from ballscrew.store.folder import DataFolder
 from ballscrew.store.opened import create_store
+from ballscrew.store.retention import RetentionPolicy, retain
 from ballscrew.store.tables import Axis
 
 _log = logging.getLogger("ballscrew.service")
 
 _PERIOD = 30.0  # s between looks for silence
 _HOUR = 3600.0  # s between removals of unused files
+_DAY = 86400.0  # s between deletions by the retention policy
 _GRACEFUL = 5  # s that requests have to end
 _WAITING = 2048  # connections that wait to be accepted
 
@@ -101,7 +105,7 @@ def serve(
             shown_host = f"[{host}]" if ":" in host else host
             print(f"Serving {folder} at {scheme}://{shown_host}:{port}", flush=True)  # noqa: T201
         _print_first_link(service, port)
-        with _working(service, workers):
+        with logging_to(folder, settings.log), _working(service, workers):
             server.run(sockets=[listener])
 
 
@@ -146,8 +150,8 @@ def _uvicorn_config(service: Service, workers: Sequence[Worker]) -> uvicorn.Conf
     settings = service.settings
     return uvicorn.Config(
         create_app(service, workers),
-        log_level="warning",
         access_log=False,
+        log_config=None,
         server_header=False,
         backlog=_WAITING,
         timeout_graceful_shutdown=_GRACEFUL,
@@ -175,7 +179,8 @@ def _working(service: Service, workers: Sequence[Worker]) -> Iterator[None]:
     """Workers and regular tasks, as long as the block lasts."""
     keeper = threading.Thread(target=_run_regularly, args=(service,), name="regular tasks", daemon=True)
     sender = threading.Thread(target=run_messages, args=(service,), name="messages", daemon=True)
-    for thread in (*(worker.thread for worker in workers), keeper, sender):
+    beat = threading.Thread(target=beat_regularly, args=(service, workers), name="heartbeat", daemon=True)
+    for thread in (*(worker.thread for worker in workers), keeper, sender, beat):
         thread.start()
     try:
         yield
@@ -186,19 +191,40 @@ def _working(service: Service, workers: Sequence[Worker]) -> Iterator[None]:
             worker.thread.join()
         keeper.join()
         sender.join(_GRACEFUL)  # what it sends meanwhile is sent again
+        beat.join(_GRACEFUL)
 
 
 def _run_regularly(service: Service) -> None:
-    next_removal = time.monotonic()
+    next_removal = next_retention = time.monotonic()
     while not service.stopping.is_set():
         try:
             watch_for_silence(service)
             if time.monotonic() >= next_removal:
                 next_removal = time.monotonic() + _HOUR
                 remove_unused(service)
+            if service.settings.retention is not None and time.monotonic() >= next_retention:
+                next_retention = time.monotonic() + _DAY
+                delete_by_policy(service, service.settings.retention)
         except Exception:  # noqa: BLE001  they go on, whatever it is
             _log.exception("regular tasks")
         service.stopping.wait(_PERIOD)
+
+
+def delete_by_policy(service: Service, policy: RetentionPolicy) -> None:
+    """Delete raw files by the retention policy, and log what was deleted.
+
+    Parameters
+    ----------
+    service : Service
+        The service.
+    policy : RetentionPolicy
+        What stays.
+    """
+    document = retain(service.store, policy)
+    if document["axes"]:
+        number = sum(len(each["files"]) for each in document["axes"])
+        _log.info("%d raw files deleted by policy, %d bytes", number, document["bytes"])
+        service.announce()
 
 
 def check(

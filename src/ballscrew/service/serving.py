@@ -21,7 +21,7 @@ from starlette.exceptions import HTTPException
 from ballscrew.base.errors import BallscrewError, InputError, printable
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.database import translated
-from ballscrew.store.opened import OpenStore
+from ballscrew.store.opened import BY_SERVER, OpenStore
 
 _log = logging.getLogger("ballscrew.service")
 
@@ -96,7 +96,7 @@ class ServedStore(OpenStore):
             self._turn,
             _available(),
             translated(self.path),
-            Session(self.engine(writing=True)) as session,
+            Session(self.engine(writing=True), info={BY_SERVER: True}) as session,
             session.begin(),
         ):
             yield session
@@ -142,6 +142,7 @@ class Service:
     stopping: threading.Event = field(default_factory=threading.Event)
     work: threading.Condition = field(default_factory=threading.Condition)
     refusals: Counter[int] = field(default_factory=Counter)
+    heartbeats: Counter[str] = field(default_factory=Counter)
     turn: threading.Lock = field(default_factory=threading.Lock)
     token_uses: dict[int, str] = field(default_factory=dict)
 

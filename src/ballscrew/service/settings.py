@@ -10,9 +10,10 @@ from contextlib import suppress
 from datetime import date
 from pathlib import Path
 from typing import Any, Literal, get_args
+from urllib.parse import urlsplit
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field, SecretStr, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
 from ballscrew.base.errors import InputError, shown
@@ -26,6 +27,7 @@ from ballscrew.service.recipients import (
     recipient_problems,
 )
 from ballscrew.store.lamps import RunCalendar
+from ballscrew.store.retention import RetentionPolicy
 
 PREFIX = "BALLSCREW_SERVER_"
 """Beginning of the names of environment variables."""
@@ -93,6 +95,19 @@ class ServerSettings(BaseSettings):
     email: tuple[EmailRecipient, ...] = Field((), description="Who receives messages by e-mail.")
     webhook: tuple[WebhookRecipient, ...] = Field((), description="Programs that receive messages.")
     messages: MessageRules = Field(MessageRules.model_validate({}), description="When messages are sent.")
+    retention_days: float | None = Field(
+        None, ge=0, description="Age from which raw files are deleted; without it none are."
+    )
+    retention_newest: int = Field(
+        30, ge=0, description="Newest runs of each axis whose raw files are not deleted by age."
+    )
+    heartbeat_url: SecretStr | None = Field(
+        None, description="Address that is called while runs are received and analysed."
+    )
+    heartbeat_s: float = Field(300.0, ge=10, description="Period of these calls.")
+    log: Literal["text", "json"] = Field(
+        "text", description="Log on the terminal: warnings as text, or every line as JSON."
+    )
 
     @property
     def on_loopback(self) -> bool:
@@ -132,7 +147,28 @@ class ServerSettings(BaseSettings):
                 f"{self.host} is not a loopback address: give certificate and private_key, or set "
                 "allow_plain_http, with which tokens travel unencrypted."
             )
-        return found + recipient_problems(self.public_url, self.smtp, self.recipients, self.messages)
+        found += recipient_problems(self.public_url, self.smtp, self.recipients, self.messages)
+        return found + self._heartbeat_problems()
+
+    def _heartbeat_problems(self) -> list[str]:
+        if self.heartbeat_url is None or _is_web(self.heartbeat_url.get_secret_value()):
+            return []
+        return ["heartbeat_url: is no address that begins with https:// or http://."]
+
+    @property
+    def retention(self) -> RetentionPolicy | None:
+        """Which raw files stay; None where none are deleted."""
+        if self.retention_days is None:
+            return None
+        return RetentionPolicy(self.retention_days, self.retention_newest)
+
+
+def _is_web(url: str) -> bool:
+    """Whether a text is the address of a web server."""
+    with suppress(ValueError):
+        parts = urlsplit(url)
+        return parts.scheme in ("https", "http") and bool(parts.hostname)
+    return False
 
 
 def read_settings(folder: Path, config: Path | None, options: dict[str, Any]) -> ServerSettings:
@@ -187,11 +223,13 @@ def _sentence(error: ValidationError, sources: Mapping[str, str]) -> str:
 
 
 def plain_setting(value: Any) -> Any:
-    """Value of a setting as JSON has it, without the URLs of webhooks."""
+    """Value of a setting as JSON has it, without secrets and the URLs of webhooks."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json")
     if isinstance(value, tuple):
         return list(map(plain_setting, value))
+    if isinstance(value, SecretStr):
+        return "set"
     return str(value) if isinstance(value, Path | date) else value
 
 

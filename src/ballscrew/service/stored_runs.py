@@ -190,7 +190,7 @@ def recordings_of(session: Session, found: StoredRun) -> tuple[RawRecording, ...
     for name, sha256 in named:
         file = session.get(RawFile, sha256)
         compression = None
-        if file is not None and file.archived_to is None:
+        if file is not None and file.is_stored:
             compression = file.compression
         recordings.append(RawRecording(name, sha256, compression))
     return tuple(recordings)

@@ -218,7 +218,8 @@ def store_file(service: Service, path: Path, sha256: str) -> None:
         if row is None:
             row = RawFile(sha256=sha256, size=stored.size, added_at=now())
             session.add(row)
-        row.stored_size, row.compression, row.archived_to = stored.stored_size, stored.compression, None
+        row.stored_size, row.compression = stored.stored_size, stored.compression
+        row.archived_to = row.deleted_at = None
         session.flush()
         if not _path(service, row).is_file():  # an older copy was removed as unused at this moment
             raise RefusedError(UNAVAILABLE, "the file must be sent again.", {"Retry-After": "1"})
@@ -272,7 +273,7 @@ def remove_unused(service: Service) -> None:
 def _unused_files(session: Session, service: Service, oldest: float) -> list[RawFile]:
     """Rows of the files that no run refers to and no sender has asked for since ``oldest``."""
     recordings = select(RecordingRow.run_id).where(RecordingRow.sha256 == RawFile.sha256)
-    found = session.scalars(select(RawFile).where(RawFile.archived_to.is_(None), ~recordings.exists()))
+    found = session.scalars(select(RawFile).where(RawFile.is_stored, ~recordings.exists()))
     rows = {row.sha256: row for row in found if _asked_at(service, row) < oldest}
     if rows:
         for files, stated in session.execute(select(Upload.files, Upload.stated)):
@@ -310,7 +311,7 @@ def stored_size(service: Service, sha256: str) -> int | None:
 def raw_file(session: Session, sha256: str) -> RawFile | None:
     """Row of a raw file whose content is in the store."""
     row = session.get(RawFile, sha256)
-    if row is None or row.archived_to is not None:
+    if row is None or not row.is_stored:
         return None
     return row
 

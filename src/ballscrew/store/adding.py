@@ -220,7 +220,7 @@ def _put_files(store: OpenStore, files: Mapping[str, str | Path]) -> dict[str, S
     for sha256, path in files.items():
         with store.read() as session:
             row = session.get(RawFile, sha256)
-        if row is None or row.archived_to is not None:
+        if row is None or not row.is_stored:
             stored[sha256] = put_file(store.folder.files, Path(path), sha256)
     return stored
 
@@ -230,13 +230,13 @@ def _insert_file(
 ) -> None:
     """Insert the row of a raw file, unless it is there."""
     row = session.get(RawFile, sha256)
-    if row is not None and row.archived_to is None:
+    if row is not None and row.is_stored:
         return
     folder = store.folder.files
     if stored is None or not path_of(folder, sha256, stored.compression).is_file():
         stored = put_file(folder, Path(path), sha256)  # it was archived or, without a row, removed meanwhile
     if row is not None:
-        row.archived_to = None
+        row.archived_to = row.deleted_at = None
         row.stored_size, row.compression = stored.stored_size, stored.compression
         return
     session.add(
@@ -270,7 +270,8 @@ def insert_source(
         insert_document(session, kind, document, text, row.axis_id if kind == "axis" else None)
     if session.get(Source, key) is None:
         session.add(Source(digest=key, run_id=row.id, stated=dict(stated)))
-        record(session, "keep", f"run {run}", files=list(stated["files"]))
+        axis = session.get_one(Axis, row.axis_id).name
+        record(session, "keep", f"run {run}", axis=axis, files=list(stated["files"]))
 
 
 def insert_document(session: Session, kind: str, key: str, text: str, axis: int | None) -> bool:
@@ -333,31 +334,52 @@ def add_events(store: OpenStore, events: tuple[Event, ...], axis: str) -> Added:
     Added
         New if one of them is.
     """
-    is_new = False
     with store.write("store add") as session:
-        row = axis_row(session, axis)
-        for event in events:
-            check_text("the text of an event", event.text)
-            if event.kind == METHOD_CHANGED:
-                raise InputError(f"an event {event.kind!r} is not added: 'reprocess --switch' makes it.")
-            key = digest({"axis": axis, "at": event.at, "kind": event.kind, "text": event.text})
-            if session.scalar(select(EventRow.id).where(EventRow.digest == key)) is None:
-                session.add(
-                    EventRow(
-                        digest=key,
-                        axis_id=row.id,
-                        at=event.at,
-                        time=event.when.timestamp(),
-                        kind=event.kind,
-                        text=event.text,
-                        added_at=now(),
-                    )
-                )
-                session.flush()
-                row.changed_at = now()
-                record(session, "add", f"event {key}", axis=axis, at=event.at, kind=event.kind)
-                is_new = True
+        _, is_new = insert_events(session, axis_row(session, axis), events)
     return Added("events", axis, axis, is_new=is_new)
+
+
+def insert_events(session: Session, axis: Axis, events: tuple[Event, ...]) -> tuple[list[str], bool]:
+    """Add events on an axis in a transaction that has begun.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    axis : Axis
+        The axis.
+    events : tuple of Event
+        Events.
+
+    Returns
+    -------
+    tuple
+        Digest of each event, and whether one of them is new.
+    """
+    digests, is_new = [], False
+    for event in events:
+        check_text("the text of an event", event.text)
+        if event.kind == METHOD_CHANGED:
+            raise InputError(f"an event {event.kind!r} is not added: 'reprocess --switch' makes it.")
+        key = digest({"axis": axis.name, "at": event.at, "kind": event.kind, "text": event.text})
+        digests.append(key)
+        if session.scalar(select(EventRow.id).where(EventRow.digest == key)) is None:
+            session.add(
+                EventRow(
+                    digest=key,
+                    axis_id=axis.id,
+                    at=event.at,
+                    time=event.when.timestamp(),
+                    kind=event.kind,
+                    text=event.text,
+                    added_at=now(),
+                )
+            )
+            session.flush()
+            axis.changed_at = now()
+            record(session, "add", f"event {key}", axis=axis.name, at=event.at, kind=event.kind)
+            is_new = True
+    return digests, is_new
 
 
 def add_sheet(store: OpenStore, path: Path, *, machine: str | None = None, site: str | None = None) -> Added:
@@ -382,12 +404,18 @@ def add_sheet(store: OpenStore, path: Path, *, machine: str | None = None, site:
     with store.write("store add") as session:
         axis = axis_row(session, sheet.name)
         is_new = insert_document(session, "axis", key, text, axis.id)
+        changed = {}
         if machine is not None:
             place = _machine_row(session, machine, site or "")
-            is_new = is_new or axis.machine_id != place.id
+            if axis.machine_id != place.id:
+                former = (
+                    None if axis.machine_id is None else session.get_one(MachineRow, axis.machine_id).name
+                )
+                is_new, changed = True, {"machine": [former, machine]}
             axis.machine_id = place.id
         if is_new:
-            record(session, "add", f"data sheet {key}", axis=axis.name, machine=machine, site=site)
+            detail = {"axis": axis.name, "machine": machine, "site": site, "changed": changed}
+            record(session, "add", f"data sheet {key}", **detail)
     return Added("data sheet", key, sheet.name, is_new=is_new)
 
 

@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session
 
 from ballscrew.base.reasons import coded_reason
 from ballscrew.monitoring.epochs import moment
+from ballscrew.store.findings import split_finding
 from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, RunRow, StateRow, Trouble
 
 ENDED = ("ended", "retracted", "closed")
@@ -135,8 +136,19 @@ def _state_document(
         "began_at": row.began_at,
         "raised_at": row.raised_at,
         "ended_at": ended_at,
-        "actions": [
-            {"action": each.action, "at": each.at, "by": each.actor, "until": each.until, "text": each.text}
-            for each in taken
-        ],
+        "actions": [_action_document(each) for each in taken],
+    }
+
+
+def _action_document(row: AlarmAction) -> dict[str, Any]:
+    finding, cause = split_finding(row.finding)
+    return {
+        "action": row.action,
+        "at": row.at,
+        "by": row.actor,
+        "until": row.until,
+        "text": row.text,
+        "finding": finding,
+        "cause": cause,
+        "event": row.event,
     }

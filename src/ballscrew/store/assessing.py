@@ -306,13 +306,15 @@ def _store(
         row = _assessment(history, monitored, inputs, stated)
         session.add(row)
         session.flush()
+    former = None if axis.assessment_id is None else session.get_one(Assessment, axis.assessment_id).state
     axis.assessment_id = row.id
     state = monitored.state
     _store_states(session, state, axis.id, history.rows)
     _update_alarms(session, state, axis)
     _store_explanation(session, row, monitored)
     _store_checkpoint(session, history, monitored.checkpoint)
-    record(session, action, f"axis {axis.name}", state=state.state, inputs=inputs)
+    changed = {"state": [former, state.state]}
+    record(session, action, f"axis {axis.name}", state=state.state, inputs=inputs, changed=changed)
 
 
 def _store_explanation(session: Session, row: Assessment, monitored: Monitored) -> None:

@@ -157,7 +157,19 @@ def _record_corrections(session: Session, former: RunRow, new: str, reason: str,
                     at=now(),
                 )
             )
-    record(session, "correct", f"run {former.run}", new_run=new, reason=reason, by=by, **changed)
+    axis = session.get_one(Axis, former.axis_id).name
+    values = {field: [getattr(former, field), value] for field, value in changed.items()}
+    record(
+        session,
+        "correct",
+        f"run {former.run}",
+        axis=axis,
+        new_run=new,
+        reason=reason,
+        by=by,
+        changed=values,
+        **changed,
+    )
 
 
 def choose_model(store: OpenStore, axis: str, model: str, *, reason: str = "") -> str:
@@ -205,8 +217,11 @@ def choose_model(store: OpenStore, axis: str, model: str, *, reason: str = "") -
                     at=now(),
                 )
             )
+            changed = {"model": [row.model_digest, found[0]]}
             row.model_digest, row.changed_at = found[0], now()
-            record(session, "correct", f"axis {axis}", model=found[0], reason=reason)
+            record(
+                session, "correct", f"axis {axis}", axis=axis, model=found[0], reason=reason, changed=changed
+            )
         return found[0]
 
 
@@ -288,8 +303,7 @@ def insert_exclusion(session: Session, row: RunRow | EventRow, reason: str, by: 
     else:
         exclusion.run_id = row.id
     session.add(exclusion)
-    session.get_one(Axis, row.axis_id).changed_at = now()
-    record(session, "exclude", _id_of(row), reason=reason, by=by)
+    _record_counting(session, "exclude", row, reason, by)
 
 
 def standing_exclusions(session: Session, row: RunRow | EventRow) -> Sequence[Exclusion]:
@@ -324,8 +338,15 @@ def end_exclusions(
             exclusion.ended_at = now()
             found.append(exclusion)
     if found:
-        session.get_one(Axis, row.axis_id).changed_at = now()
-        record(session, "include", _id_of(row), reason=reason, by=by)
+        _record_counting(session, "include", row, reason, by)
+
+
+def _record_counting(session: Session, action: str, row: RunRow | EventRow, reason: str, by: str) -> None:
+    """Mark the axis of a run or an event as changed, and record whether it counts now."""
+    axis, counts = session.get_one(Axis, row.axis_id), action == "include"
+    axis.changed_at = now()
+    changed = {"counts": [not counts, counts]}
+    record(session, action, _id_of(row), axis=axis.name, reason=reason, by=by, changed=changed)
 
 
 def _id_of(row: RunRow | EventRow) -> str:

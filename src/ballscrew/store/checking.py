@@ -115,9 +115,7 @@ def verify(path: str | Path) -> Verification:
             for fault in _row_faults(session, counts):
                 faults.append(fault)
             files = session.execute(
-                select(RawFile.sha256, RawFile.compression)
-                .where(RawFile.archived_to.is_(None))
-                .order_by(RawFile.sha256)
+                select(RawFile.sha256, RawFile.compression).where(RawFile.is_stored).order_by(RawFile.sha256)
             ).all()
             orphans = [str(orphan.relative_to(folder.path)) for orphan in _orphans(session, folder)]
         # Without an open reader: it takes hours for many files, and others add meanwhile.
@@ -133,6 +131,7 @@ def verify(path: str | Path) -> Verification:
     found = Verification(tuple(faults[:_MOST]), counts[1], counts[0], tuple(orphans))
     with suppress(InputError):  # a folder that cannot be written needs no mark
         folder.mark_damaged(list(found.faults))
+    folder.note_check("verification", faults=len(found.faults), files=found.files, rows=found.rows)
     return found
 
 
@@ -273,7 +272,7 @@ def _file_faults(store: OpenStore, sha256: str, compression: str) -> list[str]:
             return [f"{name}: the file cannot be read"]
     with store.read() as session:
         row = session.get(RawFile, sha256)
-    if row is None or row.archived_to is None:
+    if row is None or row.is_stored:
         return [f"{name}: the file is missing"]
     return []
 
@@ -281,7 +280,7 @@ def _file_faults(store: OpenStore, sha256: str, compression: str) -> list[str]:
 def _orphans(session: Session, folder: DataFolder) -> list[Path]:
     """Files that no row refers to."""
     known = set()
-    rows = select(RawFile.sha256, RawFile.compression).where(RawFile.archived_to.is_(None))
+    rows = select(RawFile.sha256, RawFile.compression).where(RawFile.is_stored)
     for sha256, compression in session.execute(rows):
         known.add(path_of(folder.files, sha256, compression))
     found = {path for path in folder.files.rglob("*") if path.is_file()}

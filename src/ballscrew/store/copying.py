@@ -26,12 +26,11 @@ from ballscrew.store.migrating import copy_sqlite, settle, upgrade
 from ballscrew.store.opened import OpenStore, record, tables
 from ballscrew.store.raw_files import clone_file, copy_out, make_folder, path_of
 from ballscrew.store.reading import current_rows, find_axis
+from ballscrew.store.retention import dispensable_files
 from ballscrew.store.showing import run_document
 from ballscrew.store.tables import (
-    AlarmRow,
     Axis,
     Document,
-    EpochRow,
     Model,
     RawFile,
     RecordingRow,
@@ -40,12 +39,12 @@ from ballscrew.store.tables import (
     unpack,
 )
 
-_ATTEMPTS = 5  # files may be archived meanwhile
+_ATTEMPTS = 5  # files may be removed meanwhile
 _BATCH = 1000  # rows in memory
 
 
-class _ArchivedError(Exception):
-    """Files were archived while they were copied: the copy is made again."""
+class _RemovedError(Exception):
+    """Files were archived or deleted while they were copied: the copy is made again."""
 
 
 def backup(store: OpenStore, to: str | Path) -> Path:
@@ -69,14 +68,18 @@ def backup(store: OpenStore, to: str | Path) -> Path:
         If the folder exists, a file is damaged, or something cannot be written.
     """
     for _ in range(_ATTEMPTS):
-        with suppress(_ArchivedError), translated(store.path), _new_folder(Path(to)) as temporary:
+        is_complete = False
+        with suppress(_RemovedError), translated(store.path), _new_folder(Path(to)) as temporary:
             copy = DataFolder(temporary)
             copy.files.mkdir()
             _copy_database(store, copy.sqlite)
             _copy_files(_stored_files(copy.sqlite), store.folder, copy.files)
             copy.create(None)
+            is_complete = True
+        if is_complete:
+            store.folder.note_check("backup")
             return Path(to)
-    raise InputError(f"{store.path}: files are archived all the time; try again.")
+    raise InputError(f"{store.path}: files are archived or deleted all the time; try again.")
 
 
 @contextmanager
@@ -134,9 +137,7 @@ def _stored_files(database: Path) -> list[tuple[str, str]]:
     """Hash and compression of the raw files that are in a store with SQLite."""
     engine = create_engine(sqlite_url(database))
     with Session(engine) as session:
-        rows = session.execute(
-            select(RawFile.sha256, RawFile.compression).where(RawFile.archived_to.is_(None))
-        ).all()
+        rows = session.execute(select(RawFile.sha256, RawFile.compression).where(RawFile.is_stored)).all()
     engine.dispose()
     return [(sha256, compression) for sha256, compression in rows]
 
@@ -147,16 +148,16 @@ def _copy_files(files: list[tuple[str, str]], original: DataFolder, to: Path) ->
         source = path_of(original.files, sha256, compression)
         if source.is_file():
             clone_file(source, to, sha256, compression)
-        elif _is_archived(original, sha256):
-            raise _ArchivedError
+        elif _is_removed(original, sha256):
+            raise _RemovedError
         else:
             raise InputError(f"{source}: the file is missing: the store is damaged, see 'store verify'.")
 
 
-def _is_archived(folder: DataFolder, sha256: str) -> bool:
+def _is_removed(folder: DataFolder, sha256: str) -> bool:
     with OpenStore(folder.path).read() as session:
         row = session.get(RawFile, sha256)
-        return row is not None and row.archived_to is not None
+        return row is not None and not row.is_stored
 
 
 def restore(backup_folder: str | Path, to: str | Path, *, database: str | None = None) -> OpenStore:
@@ -236,16 +237,17 @@ def archive(store: OpenStore, axis: str, to: str | Path, *, newest: int = 30) ->
     moved, size = [], 0
     files = _clone_files(store, axis, target, newest)
     with store.write("store archive") as session:
-        for row in _dispensable(session, find_axis(session, axis), newest):
+        for row in dispensable_files(session, find_axis(session, axis), newest):
             if (row.sha256, row.compression) in files:
                 row.archived_to = str(target.resolve())
                 moved.append((row.sha256, row.compression))
                 size += row.stored_size
         if moved:
-            record(session, "archive", f"axis {axis}", to=str(target), files=[file[0] for file in moved])
+            files_moved = [sha256 for sha256, _ in moved]
+            record(session, "archive", f"axis {axis}", axis=axis, to=str(target), files=files_moved)
     with store.write("store archive") as session:  # what is left here by a kill, gc removes
         for sha256, compression in moved:
-            if session.get_one(RawFile, sha256).archived_to is not None:  # it was not added again
+            if not session.get_one(RawFile, sha256).is_stored:  # it was not added again
                 path_of(store.folder.files, sha256, compression).unlink(missing_ok=True)
     return {"schema": SCHEMA, "axis": axis, "to": str(target), "files": len(moved), "bytes": size}
 
@@ -253,33 +255,11 @@ def archive(store: OpenStore, axis: str, to: str | Path, *, newest: int = 30) ->
 def _clone_files(store: OpenStore, axis: str, target: Path, newest: int) -> set[tuple[str, str]]:
     """Copy the raw files that are to be moved, durably, before the lock is taken: others write meanwhile."""
     with store.read() as session:
-        rows = _dispensable(session, find_axis(session, axis), newest)
+        rows = dispensable_files(session, find_axis(session, axis), newest)
         files = {(row.sha256, row.compression) for row in rows}
     for sha256, compression in sorted(files):
         clone_file(path_of(store.folder.files, sha256, compression), target, sha256, compression)
     return files
-
-
-def _dispensable(session: Session, axis: Axis, newest: int) -> list[RawFile]:
-    """Raw files of an axis that are of no run whose raw files stay."""
-    rows = session.scalars(
-        select(RunRow).where(RunRow.axis_id == axis.id).order_by(RunRow.time, RunRow.run)
-    ).all()
-    begun = set(session.scalars(select(AlarmRow.began_at).where(AlarmRow.axis_id == axis.id)))
-    references = set(session.scalars(select(EpochRow.reference).where(EpochRow.axis_id == axis.id)))
-    stay = set()
-    for place, row in enumerate(rows):
-        if place >= len(rows) - newest or row.measured_at in begun or row.run in references:
-            stay.add(row.id)
-    needed = select(RecordingRow.sha256).join(RunRow, RunRow.id == RecordingRow.run_id)
-    needed = needed.where((RunRow.axis_id != axis.id) | RunRow.id.in_(stay))
-    own = select(RecordingRow.sha256).join(RunRow, RunRow.id == RecordingRow.run_id)
-    files = select(RawFile).where(
-        RawFile.archived_to.is_(None),
-        RawFile.sha256.in_(own.where(RunRow.axis_id == axis.id)),
-        RawFile.sha256.not_in(needed),
-    )
-    return list(session.scalars(files.order_by(RawFile.sha256)))
 
 
 def export(store: OpenStore, axis: str, to: str | Path, *, raw: bool = False) -> Path:
@@ -344,7 +324,7 @@ def _export_raw(session: Session, store: OpenStore, axis: Axis, folder: Path) ->
         names = []
         for number, sha256 in enumerate(stated["files"]):
             file = session.get(RawFile, sha256)
-            if file is not None and file.archived_to is None:
+            if file is not None and file.is_stored:
                 name = f"{number:03d}-{Path(_name(session, run, sha256)).name or 'recording'}"
                 place.mkdir(parents=True, exist_ok=True)
                 path = path_of(store.folder.files, sha256, file.compression)

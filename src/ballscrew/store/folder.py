@@ -80,6 +80,7 @@ class DataFolder:
         self._config = path / _CONFIG
         self._damage = path / "damaged.txt"
         self._lock = path / "store.lock"
+        self._checks = path / "store.checks.json"
 
     def exists(self) -> bool:
         """Whether the folder contains a store."""
@@ -131,6 +132,21 @@ class DataFolder:
                 f"{self.path}: the store is damaged and only read ({first}): restore a backup to another "
                 "folder; after a repair, 'ballscrew store verify' permits writing again."
             )
+
+    def note_check(self, kind: str, **result: Any) -> None:
+        """Note that the store was verified or backed up, and with which result, where it can be written."""
+        if not self.exists():
+            return
+        with suppress(OSError, InputError):
+            write_text(self._checks, json.dumps(self.checks() | {kind: {"at": now(), **result}}) + "\n")
+
+    def checks(self) -> dict[str, Any]:
+        """Time and result of the last ``verification`` and ``backup``, where they are known."""
+        with suppress(OSError, ValueError):
+            found = json.loads(self._checks.read_text(encoding="utf-8"))
+            if isinstance(found, dict):
+                return found
+        return {}
 
     @contextmanager
     def locked(self, purpose: str, *, serving: bool = False) -> Iterator[None]:

@@ -208,7 +208,7 @@ def _conflict(session: Session, run: Run, content: bytes) -> Added:
     is_new = session.get(Conflict, key) is None
     if is_new:
         session.add(Conflict(digest=key, run=run.id, document=content, received_at=now()))
-        record(session, "refuse", f"run {run.id}", result=key)
+        record(session, "refuse", f"run {run.id}", axis=run.axis, result=key)
     return Added("run", run.id, str(run.axis), is_new=is_new, conflict=True)
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,12 @@ from ballscrew.store.database import check_schema, make_engine, sqlite_url, tran
 from ballscrew.store.folder import DataFolder, actor, now
 from ballscrew.store.raw_files import make_folder
 from ballscrew.store.tables import Audit, Base
+
+SERVER, COMMAND_LINE = "server", "command line"
+"""Places from which something is requested, besides the addresses of clients."""
+
+BY_SERVER = "by server"
+"""Key of the information of a session whose process serves the store."""
 
 
 class OpenStore:
@@ -112,11 +119,52 @@ def why_read_only(store: OpenStore, purpose: str) -> str | None:
     return None
 
 
+Requester = Callable[[], tuple[str | None, str]]
+
+_requester: ContextVar[Requester | None] = ContextVar("requester", default=None)
+
+
+@contextmanager
+def requested_by(requester: Requester) -> Iterator[None]:
+    """State in the audit who wants what is written in the block.
+
+    Parameters
+    ----------
+    requester : callable
+        Gives the name, None where it is not known yet, and the place, such as the address of a client.
+    """
+    token = _requester.set(requester)
+    try:
+        yield
+    finally:
+        _requester.reset(token)
+
+
 def record(session: Session, action: str, subject: str, **detail: Any) -> None:
     """Add a row to the audit.
 
-    It contains the checksum of the row before it, so that ``verify`` finds one that is missing.
+    It contains the checksum of the row before it, so that ``verify`` finds one that is missing, who requested
+    it, and from where: the address of a client, ``server`` for what the server does by itself, or
+    ``command line``.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    action, subject : str
+        What is done to what.
+    **detail
+        More; ``axis`` is the name of the axis, and ``changed`` has the value before and after by its name.
     """
+    requester = _requester.get()
+    if requester is not None:
+        name, place = requester()
+    elif session.info.get(BY_SERVER):
+        name, place = SERVER, SERVER
+    else:
+        name, place = None, COMMAND_LINE
+    detail.setdefault("by", name or actor())
+    detail["from"] = place
     newest = select(Audit.checksum).order_by(Audit.id.desc()).limit(1)
     detail["after"] = session.scalar(newest)  # which flushes those before
     session.add(Audit(at=now(), actor=actor(), action=action, subject=subject, detail=detail))

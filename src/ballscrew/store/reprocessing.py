@@ -102,7 +102,8 @@ def _choose_method(session: Session, axis: Axis) -> None:
     method = find_method(session, axis)
     if method is not None and axis.method_id is None:
         axis.method_id = method.id
-        record(session, "choose", f"axis {axis.name}", method=method.name, revision=method.revision)
+        chosen = {"method": method.name, "revision": method.revision}
+        record(session, "choose", f"axis {axis.name}", axis=axis.name, **chosen)
 
 
 def _tasks(
@@ -131,7 +132,7 @@ def _tasks(
             if files is None and switched:
                 continue  # its former result counts
             if files is None:
-                failures.append(f"run {run.run[:12]}: its raw files are archived")
+                failures.append(f"run {run.run[:12]}: its raw files are archived or deleted")
             else:
                 texts = {}
                 for kind, key in source.stated["documents"].items():

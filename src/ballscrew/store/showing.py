@@ -316,8 +316,9 @@ def _recordings(session: Session, run: RunRow) -> list[dict[str, Any]]:
         documents.append(
             {
                 "name": row.name, "sha256": row.sha256, "reader": readers.get(row.sha256),
-                "stored": file is not None and file.archived_to is None,
+                "stored": file is not None and file.is_stored,
                 "archived_to": None if file is None else file.archived_to,
+                "deleted_at": None if file is None else file.deleted_at,
             }
         )  # fmt: skip
     return documents

@@ -14,6 +14,7 @@ from ballscrew.store import (
     reading,
     reporting,
     reprocessing,
+    retention,
     showing,
 )
 
@@ -52,6 +53,7 @@ class Store(opened.OpenStore):
     restore = staticmethod(copying.restore)
     verify = staticmethod(checking.verify)
     gc = checking.gc
+    retain = retention.retain
     migrate = staticmethod(migrating.migrate)
     report = reporting.report
     reprocess = reprocessing.reprocess

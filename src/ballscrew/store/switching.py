@@ -60,7 +60,7 @@ def stored_files(
     files = []
     for sha256 in hashes:
         file = session.get(RawFile, sha256)
-        if file is None or file.archived_to is not None:
+        if file is None or not file.is_stored:
             return None
         files.append((names[sha256], sha256, file.compression))
     return tuple(files)
@@ -198,7 +198,8 @@ def switch_axis(store: OpenStore, name: str, options: AnalysisOptions) -> None:
                 at=now(),
             )
         )
-        detail: dict[str, Any] = {"method": target.name, "revision": target.revision}
+        detail: dict[str, Any] = {"axis": name, "method": target.name, "revision": target.revision}
+        detail["changed"] = {"method": [old.name, target.name], "revision": [old.revision, target.revision]}
         if step is not None:
             detail["step"] = asdict(step)
             if not _add_change(session, axis, old, target, step):

@@ -16,6 +16,7 @@ from sqlalchemy import (
     JSON,
     BigInteger,
     Boolean,
+    ColumnElement,
     Float,
     ForeignKey,
     ForeignKeyConstraint,
@@ -25,9 +26,11 @@ from sqlalchemy import (
     MetaData,
     Text,
     UniqueConstraint,
+    and_,
     event,
     inspect,
 )
+from sqlalchemy.ext.hybrid import hybrid_property
 from sqlalchemy.orm import DeclarativeBase, Mapped, Mapper, mapped_column
 
 from ballscrew.base.errors import InputError
@@ -221,6 +224,16 @@ class RawFile(Checked, Base):
     archived_to: Mapped[str | None]
     added_at: Mapped[str]
     deleted_at: Mapped[str | None]
+
+    @hybrid_property
+    def is_stored(self) -> bool:
+        """Whether the store has its content."""
+        return self.archived_to is None and self.deleted_at is None
+
+    @is_stored.inplace.expression
+    @classmethod
+    def _is_stored_in_rows(cls) -> ColumnElement[bool]:
+        return and_(cls.archived_to.is_(None), cls.deleted_at.is_(None))
 
 
 class RecordingRow(Base):

@@ -47,7 +47,7 @@ def test_a_run_that_was_set_aside_is_counted_with_its_reason(client: TestClient,
 def test_each_setting_has_its_value_meaning_and_origin(service: Service) -> None:
     service.origins = {"port": "option", "workers": "BALLSCREW_SERVER_WORKERS", "method": "<b>server.toml"}
     with client_of(service) as client:
-        text = client.get("/status").text
+        text = client.get("/settings").text
     for name, field in ServerSettings.model_fields.items():
         assert f"<code>{name}</code>" in text
         assert field.description is not None

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, Response
 
@@ -13,7 +10,7 @@ from ballscrew.monitoring.epochs import BEGINS, KINDS, STEPS
 from ballscrew.service import axes
 from ballscrew.service.access import MaintainerCaller, RunningService, ViewerCaller
 from ballscrew.service.axes import Kind, NewEvent, NewExclusion
-from ballscrew.service.pages.forms import Outcome, PostedForm, entered, go_to, refusal
+from ballscrew.service.pages.forms import Outcome, PostedForm, entered, go_to, refusal, time_of
 from ballscrew.service.pages.rendering import address_of, render
 from ballscrew.service.reading import axis_document
 from ballscrew.service.serving import Service
@@ -45,7 +42,7 @@ def post_event(
     is_preview = form.get("do") == "preview"
     try:
         event = entered(
-            NewEvent, _LABELS, at=_time_of(form), kind=form.get("kind", ""), text=form.get("text", "")
+            NewEvent, _LABELS, at=time_of(form), kind=form.get("kind", ""), text=form.get("text", "")
         )
         answer = axes.add_axis_events(axis, [event], caller, service, preview=is_preview)
     except BallscrewError as error:
@@ -73,12 +70,6 @@ def post_exclusion(
     except BallscrewError as error:
         return _page(request, axis, service, refusal(_SECTIONS[kind], error, form))
     return go_to(address_of(axis, "actions"), "exclude")
-
-
-def _time_of(form: Mapping[str, Any]) -> str:
-    """Time that was entered; the browser adds the offset of its zone, without which it is UTC."""
-    at, offset = str(form.get("at", "")).strip(), str(form.get("offset", ""))
-    return at + offset if at and offset else at
 
 
 def _page(request: Request, axis: str, service: Service, outcome: Outcome) -> HTMLResponse:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, Response
 
-from ballscrew.base.errors import BallscrewError
+from ballscrew.base.errors import BallscrewError, InputError
+from ballscrew.monitoring.epochs import KINDS
 from ballscrew.service.access import MaintainerCaller, RunningService, ViewerCaller
 from ballscrew.service.alarms import Action, act
-from ballscrew.service.pages.forms import Outcome, PostedForm, entered, go_to, refusal
+from ballscrew.service.pages.forms import Outcome, PostedForm, entered, go_to, refusal, time_of
 from ballscrew.service.pages.rendering import render
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.store.alarms import ENDED, alarm_documents
@@ -18,7 +20,10 @@ from ballscrew.store.alarms import ENDED, alarm_documents
 router = APIRouter(include_in_schema=False)
 
 _MOST = 200  # that have ended on the page
-_LABELS = {"action": "The action", "until": "The end of the shelving", "text": "The text"}
+_LABELS = {
+    "action": "The action", "until": "The end of the shelving", "text": "The text",
+    "finding": "What was found", "cause": "The other cause", "at": "The time", "kind": "The kind",
+}  # fmt: skip
 
 
 @router.get("/alarms")
@@ -43,13 +48,25 @@ def post_action(
             action=form.get("action", ""),
             until=form.get("until") or None,
             text=form.get("text", ""),
+            finding=form.get("finding") or None,
+            cause=form.get("cause", ""),
+            maintenance=_maintenance(form),
         )
+        if action.action == "close" and alarm.startswith("alarm-") and action.finding is None:
+            raise InputError("What was found must be chosen.")
         act(alarm, action, caller, service)
     except RefusedError:
         raise
     except BallscrewError as error:
         return _page(request, service, refusal(alarm, error, form))
     return go_to("/alarms", action.action)
+
+
+def _maintenance(form: Mapping[str, Any]) -> dict[str, Any] | None:
+    """What was done, if a kind is chosen."""
+    if not form.get("kind"):
+        return None
+    return {"at": time_of(form), "kind": form["kind"], "text": form.get("done", "")}
 
 
 def _page(request: Request, service: Service, outcome: Outcome) -> HTMLResponse:
@@ -79,6 +96,7 @@ def _page(request: Request, service: Service, outcome: Outcome) -> HTMLResponse:
         chosen=chosen,
         axis=axis,
         states=ENDED,
+        kinds=KINDS,
         outcome=outcome,
         done=request.query_params.get("done", ""),
     )

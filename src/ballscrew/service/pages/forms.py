@@ -142,3 +142,9 @@ def go_to(address: str, done: str) -> RedirectResponse:
     separator = "&" if "?" in path else "?"
     place = f"#{fragment}" if fragment else ""
     return RedirectResponse(f"{path}{separator}done={done}{place}", 303)
+
+
+def time_of(form: Mapping[str, Any]) -> str:
+    """Time that was entered; the browser adds the offset of its zone, without which it is UTC."""
+    at, offset = str(form.get("at", "")).strip(), str(form.get("offset", ""))
+    return at + offset if at and offset else at

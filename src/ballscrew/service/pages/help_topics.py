@@ -19,7 +19,9 @@ router = APIRouter(include_in_schema=False)
 
 _OF_PROGRAMS = ("/livez", "/readyz", "/metrics", "/openapi.json")
 
-TOPICS = ("start", "fleet", "axis", "run", "alarms", "actions", "compare", "signals", "status")
+TOPICS = (
+    "start", "fleet", "axis", "run", "alarms", "actions", "compare", "signals", "findings", "audit", "status",
+)  # fmt: skip
 """Topics of the help, each with a template."""
 
 

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 from sqlalchemy import func, select
 
-from ballscrew.service.access import RunningService, ViewerCaller
+from ballscrew.service.access import AdminCaller, RunningService, ViewerCaller
 from ballscrew.service.health import Workers, age_s, ready_workers, unready, wal_bytes
 from ballscrew.service.jobs import job_documents
 from ballscrew.service.message_log import count_messages, failing_recipients
@@ -18,7 +18,7 @@ from ballscrew.service.serving import Service
 from ballscrew.service.settings import plain_setting
 from ballscrew.service.tokens import list_tokens
 from ballscrew.store.alarms import standing_alarms
-from ballscrew.store.tables import Axis, Upload
+from ballscrew.store.tables import Axis, RawFile, Upload
 
 router = APIRouter(include_in_schema=False)
 
@@ -69,8 +69,19 @@ def show_status(
         free_bytes=service.free_bytes(),
         tokens=_count_tokens(service),
         store=_store(service),
-        settings=_settings(service),
+        heartbeats=service.heartbeats,
+        has_heartbeat=service.settings.heartbeat_url is not None,
     )
+
+
+@router.get("/settings")
+def show_settings(
+    request: Request,
+    caller: AdminCaller,  # noqa: ARG001
+    service: RunningService,
+) -> HTMLResponse:
+    """Each setting, its value and where it comes from; of a secret, that it is set."""
+    return render(request, "settings.html", settings=_settings(service))
 
 
 def _count_tokens(service: Service) -> dict[str, int]:
@@ -91,7 +102,21 @@ def _store(service: Service) -> dict[str, Any]:
     folder, bytes_of_sqlite = service.store.folder, None
     if folder.database_url() is None:
         bytes_of_sqlite = folder.sqlite.stat().st_size
-    return {"path": str(service.store.path), "bytes": bytes_of_sqlite, "wal_bytes": wal_bytes(service)}
+    with service.store.read() as session:
+        stored = select(func.count(), func.coalesce(func.sum(RawFile.stored_size), 0)).where(
+            RawFile.is_stored
+        )
+        files, bytes_of_files = session.execute(stored).all()[0]
+    checks = folder.checks()
+    return {
+        "path": str(service.store.path),
+        "bytes": bytes_of_sqlite,
+        "wal_bytes": wal_bytes(service),
+        "files": files,
+        "bytes_of_files": int(bytes_of_files),
+        "verification": checks.get("verification"),
+        "backup": checks.get("backup"),
+    }
 
 
 def _in_words(value: Any) -> Any:

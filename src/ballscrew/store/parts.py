@@ -1,0 +1,128 @@
+"""Runs whose recordings are a part of those of another: of a split upload, the most complete one counts."""
+
+from __future__ import annotations
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from ballscrew.store.changing import end_exclusions, insert_exclusion, standing_exclusions
+from ballscrew.store.reading import current_rows, find_run, newest_version, run_versions
+from ballscrew.store.tables import Axis, Exclusion, RecordingRow, ResultRow, RunRow
+
+_PART = "its recordings are a part of those of the run "
+_BAD = "is bad, and contains the recordings of the run "
+
+
+def exclude_parts(session: Session, axis: Axis, run: RunRow, by: str) -> None:
+    """Exclude runs whose recordings are a part of those of a more complete run of the same load.
+
+    Of a more complete run that is bad and a part that is not, the part counts. Which of several runs counts,
+    of which each contains the next, does not depend on the order of arrival.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    axis : Axis
+        Its axis.
+    run : RunRow
+        A run that was added: part of another, or more complete than others.
+    by : str
+        Who sent it.
+    """
+    counting = {row.id for row in current_rows(session, axis)}
+    if run.id not in counting:
+        return
+    excluded = []
+    for other in _sharing(session, run):
+        if other.id in counting and other.mass_kg == run.mass_kg:
+            excluded += _excluded_of(session, run, other)
+    itself = [each for each in excluded if each[0] is run]
+    for row, reason in itself[:1] or excluded:
+        insert_exclusion(session, row, reason, by)
+
+
+def is_decided(session: Session, subject: str) -> bool:
+    """Whether to include a run means that both count: another with its recordings does. Not of an event."""
+    found = session.scalars(
+        select(RunRow.run).where(RunRow.run.startswith(subject, autoescape=True)).limit(2)
+    )
+    runs = found.all()
+    return len(runs) == 1 and _is_part(session, runs[0])
+
+
+def _is_part(session: Session, run: str) -> bool:
+    """Whether a run is excluded because another with its recordings counts."""
+    reasons = [each.reason for each in standing_exclusions(session, find_run(session, run))]
+    return any(reason.startswith((_PART, _BAD)) for reason in reasons)
+
+
+def update_parts(session: Session, run: str, by: str) -> None:
+    """Exclude the parts of a run that counts now, or include those of one that no longer does.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    run : str
+        Id of the run, after it was corrected, excluded or included; for an event nothing changes.
+    by : str
+        Who did that.
+    """
+    if session.scalar(select(RunRow.id).where(RunRow.run == run)) is None:
+        return
+    row = _newest(session, find_run(session, run))
+    axis = session.get_one(Axis, row.axis_id)
+    if row.id in {each.id for each in current_rows(session, axis)}:
+        exclude_parts(session, axis, row, by)
+    else:
+        include_parts(session, axis, row, by)
+
+
+def include_parts(session: Session, axis: Axis, whole: RunRow, by: str) -> None:
+    """Include the parts of a run that no longer counts, unless they are those of another run that does."""
+    versions = select(RunRow.run).where(RunRow.id.in_(run_versions(session, whole)))
+    reasons = [_part_reason(each) for each in session.scalars(versions)]
+    found = select(RunRow).join(Exclusion, Exclusion.run_id == RunRow.id).order_by(RunRow.id)
+    found = found.where(RunRow.axis_id == axis.id, Exclusion.ended_at.is_(None))
+    parts = session.scalars(found.where(Exclusion.reason.in_(reasons))).all()
+    for part in parts:
+        end_exclusions(session, part, f"the run {whole.run} does not count.", by)
+    for part in parts:
+        exclude_parts(session, axis, _newest(session, part), by)
+
+
+def _newest(session: Session, row: RunRow) -> RunRow:
+    return find_run(session, newest_version(session, row))
+
+
+def _sharing(session: Session, run: RunRow) -> list[RunRow]:
+    """Other runs of the axis with a recording of a run."""
+    recordings = select(RecordingRow.sha256).where(RecordingRow.run_id == run.id)
+    others = select(RecordingRow.run_id).where(RecordingRow.sha256.in_(recordings))
+    found = select(RunRow).where(RunRow.id.in_(others), RunRow.axis_id == run.axis_id, RunRow.id != run.id)
+    return list(session.scalars(found.order_by(RunRow.id)))
+
+
+def _excluded_of(session: Session, first: RunRow, second: RunRow) -> list[tuple[RunRow, str]]:
+    """The one of two runs that does not count, and why; none unless one has all recordings of the other."""
+    part, whole = sorted((first, second), key=lambda row: len(_recordings(session, row)))
+    if not _recordings(session, part) < _recordings(session, whole):
+        return []
+    if is_bad(session, whole) and not is_bad(session, part):
+        return [(whole, f"{_BAD}{part.run}, which counts.")]
+    return [(part, _part_reason(whole.run))]
+
+
+def _part_reason(whole: str) -> str:
+    return f"{_PART}{whole}, which counts."
+
+
+def _recordings(session: Session, run: RunRow) -> set[str]:
+    return set(session.scalars(select(RecordingRow.sha256).where(RecordingRow.run_id == run.id)))
+
+
+def is_bad(session: Session, run: RunRow) -> bool:
+    """Whether the newest result of a run is bad."""
+    newest = select(ResultRow.verdict).where(ResultRow.run_id == run.id).order_by(ResultRow.id.desc())
+    return session.scalars(newest.limit(1)).first() == "bad"
