@@ -121,8 +121,6 @@ PAGES: dict[tuple[str, str], tuple[str, tuple[int, ...]]] = {
     ("GET", "/account"): ("/account", SIGNED_IN),
     ("POST", "/account/password"): ("/account/password", SIGNED_IN),
     ("POST", "/account/sessions"): ("/account/sessions", SIGNED_IN),
-    ("GET", "/messages"): ("/messages", ADMIN),
-    ("POST", "/messages/test"): ("/messages/test", ADMIN),
     ("GET", "/users"): ("/users", ADMIN),
     ("POST", "/users"): ("/users", ADMIN),
     ("POST", "/users/tokens"): ("/users/tokens", ADMIN),

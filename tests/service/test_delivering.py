@@ -183,7 +183,7 @@ def test_a_message_says_axis_state_number_with_interval_what_to_do_and_link(
         client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
         work_off(service, lambda _: pytest.fail("no analysis"))
         deliver(service, datetime.now(UTC))
-        actions = client.get("/api/v1/axes/bench").json()["explanation"]["actions"]
+        actions = [each["text"] for each in client.get("/api/v1/axes/bench").json()["to_do"]]
         for mail, state in zip(mails.mails, ("State: alarm", "Zustand: Alarm"), strict=True):
             text = mail.get_content()
             page = client.get("/axes/bench", headers={"Accept-Language": mail["To"][:2]}).text

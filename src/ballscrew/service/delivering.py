@@ -41,7 +41,7 @@ from ballscrew.service.serving import Service
 from ballscrew.service.webhooks import post_webhook
 from ballscrew.store.explaining import find_explanation
 from ballscrew.store.lamps import add_lamps
-from ballscrew.store.reading import assessment_document
+from ballscrew.store.reading import assessment_document, newest_runs
 from ballscrew.store.tables import (
     Assessment,
     Axis,
@@ -186,8 +186,7 @@ def _item(session: Session, kind: str, rows: Sequence[Message]) -> dict[str, Any
         "at": newest.at,
         "nut": _nut(session, axis),
         "preload_below": (explanation.get("state") or {}).get("preload_below"),
-        "actions": list(explanation.get("actions", ())),
-        **assessment_document(assessment, axis.changed_at),
+        **assessment_document(assessment, axis.changed_at, newest_runs(session, axis).get(axis.id)),
     }
 
 

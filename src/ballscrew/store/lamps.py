@@ -107,28 +107,39 @@ def add_lamps(
     resets, waiting = _newest_resets(session), _waiting(session, documents)
     advice = stored_advice(session, [document["axis"] for document in documents])
     for document in documents:
-        name, newest, until = document["axis"], document["newest_at"], document["assessed_until"]
-        number = numbers[name]
-        setup = setups.get(number)
-        because = _why_not_recent(newest, setup, at, calendar)
-        document["due_at"] = None if because == "future" else due_at(setup, newest, calendar)
-        recent = because is None
-        if recent and document["newest_run"] in bad:
-            because = "bad"
-        document["measurement"] = {
-            "troubles": _troubles(standing.get(name, [])),
-            "recent": recent,
-            "because": because,
-        }
+        name = document["axis"]
+        number, alarms = numbers[name], standing.get(name, [])
         document["waiting"] = waiting.get(name)
-        because = _why_not_recent(until, setup, at, calendar)
+        _add_measurement(
+            document, alarms, setups.get(number), at, calendar, is_bad=document["newest_run"] in bad
+        )
+        because = _why_not_recent(document["assessed_until"], setups.get(number), at, calendar)
         if because is None and number in unassessed:
             because = "set aside"
-        if _is_reset(until, resets.get(number), at):
+        if _is_reset(document["assessed_until"], resets.get(number), at):
             because = "reset"
         document["lamp"] = _lamp(_known_state(document), because)
-        closing = to_close(standing.get(name, []), _known_state(document))
+        closing = to_close(alarms, _known_state(document))
         document["to_do"] = coded_actions(document, [*closing, *advice.get(name, ())])
+
+
+def _add_measurement(
+    document: dict[str, Any],
+    alarms: Sequence[dict[str, Any]],
+    setup: Setup | None,
+    at: datetime,
+    calendar: RunCalendar,
+    *,
+    is_bad: bool,
+) -> None:
+    """Add ``measurement`` and ``due_at`` to the document of an axis."""
+    newest = document["newest_at"]
+    because = _why_not_recent(newest, setup, at, calendar)
+    document["due_at"] = None if because == "future" else due_at(setup, newest, calendar)
+    recent = because is None
+    if recent and is_bad:
+        because = "bad"
+    document["measurement"] = {"troubles": _troubles(alarms), "recent": recent, "because": because}
 
 
 def coded_actions(document: dict[str, Any], advice: Sequence[str]) -> list[dict[str, Any]]:
