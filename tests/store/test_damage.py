@@ -129,7 +129,7 @@ def test_a_changed_row_is_found(
 def test_flipped_bytes_of_the_database_are_found_or_change_nothing(tmp_path: Path) -> None:
     Store.init(tmp_path / "a")
     store = Store(tmp_path / "a")
-    fill(store, RUNS[:4])
+    fill(store)
     answers = store.show("bench")
     path = store.folder.sqlite
     sqlite3.connect(path).execute("PRAGMA wal_checkpoint(TRUNCATE)")

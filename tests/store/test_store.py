@@ -25,8 +25,9 @@ from ballscrew.store.store import Store
 from ballscrew.store.tables import AlarmRow, Audit, Conflict, Correction, EventRow, RunRow, StateRow
 
 
-def test_monitor_of_a_store_is_that_of_its_files(filled: Store) -> None:
-    stored = filled.monitor("bench").monitored
+def test_monitor_of_a_store_is_that_of_its_files(store: Store) -> None:
+    fill(store, seed=1)
+    stored = store.monitor("bench").monitored
     assert text_of(stored) == text_of(ballscrew.monitor(RUNS, MODEL, events=EVENTS))
 
 
