@@ -76,11 +76,18 @@ def _leave_empty(store: Store) -> None:
     """What a new store contains."""
 
 
+class PooledStore(Store):
+    """As in a server: to connect to PostgreSQL for each transaction takes most of the time of these tests."""
+
+    pooled = True
+
+
 @pytest.fixture
 def copy_store(
     new_url: Callable[..., str | None], tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
-) -> CopyStore:
+) -> Iterator[CopyStore]:
     """Makes stores with what a function adds to them: once for each database, and then copies."""
+    made: list[Store] = []
 
     def copy(add: Callable[[Store], object]) -> Store:
         template = _TEMPLATES.get((add, new_url))
@@ -95,9 +102,13 @@ def copy_store(
         url = template.folder.database_url()
         if url is not None:
             DataFolder(path).create(new_url(template=url))
-        return Store(path)
+        made.append(PooledStore(path))
+        return made[-1]
 
-    return copy
+    yield copy
+    for each in made:
+        for engine in each._engines.values():
+            engine.dispose()
 
 
 @pytest.fixture
