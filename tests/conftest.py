@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 # As the command line has it, and before numpy is loaded: a second thread on matrices this small takes eight
@@ -26,6 +28,7 @@ from ballscrew.base.files import replacing
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.signals import TripSignals
+from ballscrew.prognosis.family_average import FamilyAverage
 
 ROOT = Path(__file__).parent.parent
 DATA = Path(os.environ.get("BALLSCREW_DATA", ROOT.parent / "shared" / "data"))
@@ -36,6 +39,7 @@ LONG_FILES = (
     "test_acceptance_joint.py",
     "report/test_plan_figure.py",  # beside the first, which compiles: of two processes both would compile
     "test_acceptance.py",
+    "service/pages/test_browser.py",
     "cli/test_analyze.py",
     "modal/joint/test_ripple.py",
     "modal/joint/test_identify.py",
@@ -57,6 +61,8 @@ LONG_FILES = (
     "store/test_database.py",
     "store/test_copies.py",
     "store/test_recordings.py",
+    "store/test_checkpoints.py",
+    "store/test_method_changes.py",
     "store/test_kills.py",
     "cli/test_store.py",
     "calibration/test_calibration.py",
@@ -67,11 +73,21 @@ LONG_FILES = (
 settings.register_profile("no deadline", deadline=None)
 settings.load_profile("no deadline")
 
+# A process that is killed leaves the same files with and without: no test switches the power off.
+os.fsync = os.fstat  # type: ignore[assignment]  fails for the same handles
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the long files first; the order within a file stays."""
     place = {Path(__file__).parent / name: index for index, name in enumerate(LONG_FILES)}
     items.sort(key=lambda item: place.get(item.path, len(place)))
+
+
+def pytest_collection_finish() -> None:
+    """Collect garbage seldom, and never look at what was imported."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000)
 
 
 @pytest.fixture(scope="session")
@@ -146,6 +162,15 @@ def joint_fit(shared_folder: Path) -> Callable[..., JointResult]:
 def fitted_once(monkeypatch: pytest.MonkeyPatch, joint_fit: Callable[..., JointResult]) -> None:
     """For tests of what surrounds the joint fit: ``analyze`` takes equal fits from earlier tests."""
     monkeypatch.setattr("ballscrew.modal.joint.analysis.identify_jointly", joint_fit)
+
+
+@pytest.fixture(scope="module")
+def few_members() -> Iterator[None]:
+    """Forecasts of few members, for files whose tests compare their numbers with none of more."""
+    with pytest.MonkeyPatch.context() as patched:
+        few = partial(FamilyAverage, members=20, samples=200)
+        patched.setattr("ballscrew.prognosis.monitor.FamilyAverage", few)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from tests.recording.synthetic import synthetic_trip, write_trip
 from ballscrew import Run, analyze
 from ballscrew.cli.shell import run
 from ballscrew.modal.joint.result import JointResult
-from ballscrew.prognosis.family_average import FamilyAverage
 
 RATE = 6400.0
 FILES = {
@@ -109,13 +107,6 @@ def ballscrew(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
         return Outcome(status, *capsys.readouterr())
 
     return call
-
-
-@pytest.fixture
-def few_members(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Forecasts of few members, for tests that compare none of their numbers."""
-    few = partial(FamilyAverage, members=20, samples=200)
-    monkeypatch.setattr("ballscrew.prognosis.monitor.FamilyAverage", few)
 
 
 @pytest.fixture

@@ -34,7 +34,7 @@ def process(*arguments, cwd=None, **environment):
         text=True,
         encoding="utf-8",
         errors="replace",
-        timeout=120,
+        timeout=600,
         cwd=cwd,
         check=False,
         env={**os.environ, "PYTHONIOENCODING": "utf-8", **environment},
@@ -150,21 +150,22 @@ def test_interrupted(monkeypatch, capsys):
 
 
 def ending(code, **streams):
-    """Process that runs ``ballscrew quality a.h5``, whose command is replaced by ``code``."""
+    """Process that runs ``ballscrew quality a.h5``, whose module is replaced by one with ``code``."""
     text = f"""
-import os, signal, sys, tempfile
-import ballscrew.cli.analyze as commands
+import os, signal, sys, tempfile, types
 from ballscrew.__main__ import main
 def command(*_, **__):
     {code}
+commands = types.ModuleType("ballscrew.cli.analyze")
 commands.quality_command = command
+sys.modules[commands.__name__] = commands
 signal.signal(signal.SIGINT, signal.default_int_handler)  # which a background process may ignore
 sys.argv = ["ballscrew", "quality", "a.h5"]
 main()
 """
     options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | streams
     return subprocess.run(  # noqa: S603
-        [sys.executable, "-c", text], text=True, timeout=120, check=False, **options
+        [sys.executable, "-c", text], text=True, timeout=600, check=False, **options
     )
 
 

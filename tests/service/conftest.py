@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import count
@@ -48,19 +49,33 @@ def cheap_hashes() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _few_members(few_members: None) -> None:
+    """The service does the same with the forecast of any number of members."""
+
+
 @pytest.fixture(scope="session")
 def empty_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An empty store, to be copied."""
     return create_store(tmp_path_factory.mktemp("service") / "store").path
 
 
+@pytest.fixture(scope="session")
+def set_up_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A store with an axis that is set up, to be copied."""
+    path = create_store(tmp_path_factory.mktemp("service") / "store").path
+    with client_of(Service(ServedStore(path), ServerSettings(min_free_bytes=0))) as client:
+        assert client.put("/api/v1/axes/bench", json=SETUP).status_code == 200
+    return path
+
+
 @pytest.fixture
 def new_service(tmp_path: Path, empty_store: Path) -> NewService:
     """Makes services with the given settings."""
 
-    def make(**settings: Any) -> Service:
+    def make(store: Path = empty_store, **settings: Any) -> Service:
         folder = tmp_path / f"store{next(_NUMBERS)}"
-        shutil.copytree(empty_store, folder)
+        shutil.copytree(store, folder)
         service = Service(ServedStore(folder), ServerSettings(**({"min_free_bytes": 0} | settings)))
         service.partial.mkdir()
         return service
@@ -69,16 +84,15 @@ def new_service(tmp_path: Path, empty_store: Path) -> NewService:
 
 
 @pytest.fixture
-def service(new_service: NewService) -> Service:
-    """A service on loopback."""
-    return new_service()
+def service(new_service: NewService, set_up_store: Path) -> Service:
+    """A service on loopback, with an axis that is set up."""
+    return new_service(set_up_store)
 
 
 @pytest.fixture
 def client(service: Service) -> Iterator[TestClient]:
-    """Client of :func:`service`, with an axis that is set up."""
+    """Client of :func:`service`."""
     with client_of(service) as client:
-        assert client.put("/api/v1/axes/bench", json=SETUP).status_code == 200
         yield client
 
 
@@ -156,6 +170,15 @@ def work_off(service: Service, outcome: Callable[[Any], tuple[str, Any]]) -> int
             finish(service, lease, *outcome(lease))
         done += 1
     return done
+
+
+def wait_for(condition: Callable[[], object]) -> None:
+    """Wait until a condition is true, for minutes: a shared machine can be slow."""
+    for _ in range(6000):
+        if condition():
+            return
+        time.sleep(0.1)
+    pytest.fail("nothing happens")
 
 
 def events_of(text: str) -> list[dict[str, Any]]:

@@ -10,7 +10,10 @@ from typing import Any
 
 
 def give_model(pipe: Any, task: Any) -> None:
-    pipe.send(("done", json.loads((Path(task.store) / "model.json").read_text(encoding="utf-8"))))
+    path = Path(task.store) / "model.json"
+    while not path.exists():
+        time.sleep(0.05)
+    pipe.send(("done", json.loads(path.read_text(encoding="utf-8"))))
 
 
 def wait(pipe: Any, task: Any) -> None:  # noqa: ARG001

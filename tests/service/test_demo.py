@@ -36,6 +36,11 @@ SMALL = (HEALTHY, ABSENT)
 
 
 @pytest.fixture(scope="module")
+def few_members() -> None:
+    """Forecasts as users have them."""
+
+
+@pytest.fixture(scope="module")
 def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two axes over twelve weeks; one is absent in the end."""
     folder = tmp_path_factory.mktemp("demo") / "plant"

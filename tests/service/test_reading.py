@@ -171,7 +171,8 @@ def test_a_name_that_cannot_be_a_part_of_a_url_is_refused_when_an_axis_is_added(
     assert tmp_path.exists()
 
 
-def test_an_axis_of_an_older_store_whose_name_has_a_slash_can_be_read(service: Service) -> None:
+def test_an_axis_of_an_older_store_whose_name_has_a_slash_can_be_read(new_service: NewService) -> None:
+    service = new_service()
     with service.store.write("test") as session:
         session.add(Axis(name="X/Y", runs=0))
     assert add_run(service.store, replace(RUNS[0], axis="X/Y")).is_new

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ import httpx
 import pytest
 import uvicorn
 from fastapi import FastAPI
-from tests.service.conftest import SETUP, NewService, client_of, sha256, work_off
+from tests.service.conftest import SETUP, NewService, client_of, sha256, wait_for, work_off
 from tests.store.stored import count, imitate_analysis, write_recordings
 
 from ballscrew.sending.outgoing import RunRule
@@ -66,7 +65,7 @@ def listening(service: Service, app: FastAPI) -> Iterator[str]:
         finally:
             service.stopping.set()
             server.should_exit = True
-            thread.join(30)
+            thread.join()
 
 
 @pytest.fixture
@@ -101,14 +100,6 @@ def new_run(folder: Path, day: float, content: bytes = b"trip ") -> Path:
 
 def recordings(path: Path) -> list[Path]:
     return sorted(path.parent.glob("*.bin"))
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    for _ in range(1000):
-        if condition():
-            return
-        time.sleep(0.01)
-    pytest.fail("nothing happens")
 
 
 def test_a_run_is_sent_analysed_and_known_when_it_is_sent_again(plant: Plant, run_toml: Path) -> None:

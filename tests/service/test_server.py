@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -22,7 +21,7 @@ from fastapi.testclient import TestClient
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from sqlalchemy import select
-from tests.service.conftest import SETUP, NewService, client_of, send, send_result, sha256
+from tests.service.conftest import SETUP, NewService, client_of, send, send_result, sha256, wait_for
 from tests.store.stored import RUNS
 
 from ballscrew.base.errors import InputError
@@ -58,14 +57,6 @@ def serving(folder: Path, *options: str) -> Iterator[tuple[subprocess.Popen[str]
         process.wait()
         assert process.stdout is not None
         process.stdout.close()
-
-
-def wait_for(condition: Any) -> None:
-    for _ in range(1200):
-        if condition():
-            return
-        time.sleep(0.1)
-    pytest.fail("nothing happens")
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from urllib.parse import quote
 import pytest
 from fastapi.testclient import TestClient
 from tests.service import raw_runs
-from tests.service.conftest import SETUP, send, send_result
+from tests.service.conftest import SETUP, send, send_result, wait_for
 from tests.store.stored import RUNS
 
 from ballscrew.service import on_demand
@@ -121,10 +121,14 @@ def test_a_file_that_takes_long_is_202_and_comes_later(
     client: TestClient, run: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(on_demand, "_PATIENCE", 0.0)
-    answers = [client.get(f"/api/v1/runs/{run}/signals?file=1")]
-    while answers[-1].status_code == 202 and len(answers) < 1000:
-        assert answers[-1].json()["detail"]
+    answers = []
+
+    def comes() -> bool:
         answers.append(client.get(f"/api/v1/runs/{run}/signals?file=1"))
+        return bool(answers[-1].status_code != 202)
+
+    wait_for(comes)
+    assert all(answer.json()["detail"] for answer in answers[:-1])
     assert answers[-1].status_code == 200
 
 

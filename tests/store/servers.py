@@ -48,17 +48,18 @@ class PostgreSQL:
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL, cwd=self.folder)  # noqa: S603
 
     def start(self) -> None:
-        options = f"-p {self.port} -k {self.folder} -c listen_addresses=127.0.0.1 -c fsync=on"
+        # A client that is killed leaves the same rows with and without fsync.
+        options = f"-p {self.port} -k {self.folder} -c listen_addresses=127.0.0.1 -c fsync=off"
         log = str(self.folder / "log")
-        self._as_user("pg_ctl", "-D", str(self.data), "-o", options, "-l", log, "-w", "start")
+        self._as_user("pg_ctl", "-D", str(self.data), "-o", options, "-l", log, "-t", "600", "-w", "start")
 
     def stop(self, mode: str = "fast") -> None:
-        self._as_user("pg_ctl", "-D", str(self.data), "-m", mode, "-w", "stop")
+        self._as_user("pg_ctl", "-D", str(self.data), "-m", mode, "-t", "600", "-w", "stop")
 
-    def new_database(self) -> str:
-        """URL of a new database."""
+    def new_database(self, template: str | None = None) -> str:
+        """URL of a new database, empty or a copy of that of another URL."""
         name = f"store{os.getpid()}_{next(_NUMBERS)}"
-        deadline = time.monotonic() + 30
+        deadline = time.monotonic() + 300
         while True:
             try:
                 connection = pg8000.native.Connection(_USER, host="127.0.0.1", port=self.port)
@@ -66,7 +67,9 @@ class PostgreSQL:
             except pg8000.native.InterfaceError:
                 if time.monotonic() > deadline:
                     raise
-        connection.run(f"CREATE DATABASE {name}")
+                time.sleep(0.1)
+        copied = "template1" if template is None else template.rpartition("/")[2]
+        connection.run(f"CREATE DATABASE {name} TEMPLATE {copied}")
         connection.close()
         return f"postgresql://{_USER}@127.0.0.1:{self.port}/{name}"
 

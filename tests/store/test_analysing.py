@@ -30,7 +30,6 @@ def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for day in range(RUNS):
         store.add(write_recordings(tmp_path / f"run{day}", float(day), f"{day}".encode(), files=1))
     monkeypatch.setattr(adding, "METHOD_REVISION", 2)
-    monkeypatch.setattr(analysing, "_PATIENCE", 5)
     return store.path
 
 
@@ -96,7 +95,11 @@ def test_runs_of_a_lost_worker_are_analysed_again_and_none_is_doubled(
     assert Store.verify(plant).faults == ()
 
 
-def test_a_lost_scheduler_is_a_sentence_and_the_same_call_goes_on(plant: Path, cluster: Any) -> None:
+def test_a_lost_scheduler_is_a_sentence_and_the_same_call_goes_on(
+    plant: Path, cluster: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(analysing, "_PATIENCE", 5)
+
     def lose(done: int, *_: object) -> None:
         if done == 1:
             cluster.close()

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
-from tests.store.conftest import NewStore
+from tests.store.conftest import CopyStore, NewStore
 from tests.store.stored import EVENTS, MODEL, RUNS, count, fill, imitate_analysis, text_of, write_recordings
 
 import ballscrew
@@ -23,15 +24,19 @@ def answers(store: Store) -> list[object]:
     return [shown, store.list(), text_of(store.monitor("bench").monitored)]
 
 
-@pytest.fixture
-def with_files(store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Store:
-    """A store with rows of all kinds, and the raw files of three runs."""
-    imitate_analysis(monkeypatch)
+def add_all(store: Store) -> None:
+    """Add rows of all kinds, and the raw files of three runs."""
     fill(store)
     for day in (50.0, 60.0, 70.0):
-        store.add(write_recordings(tmp_path / f"run{day:.0f}", day))
+        store.add(write_recordings(store.path.parent / f"run{day:.0f}", day))
     store.monitor("bench")
-    return store
+
+
+@pytest.fixture
+def with_files(copy_store: CopyStore, monkeypatch: pytest.MonkeyPatch) -> Store:
+    """A store with rows of all kinds and raw files."""
+    imitate_analysis(monkeypatch)
+    return copy_store(add_all)
 
 
 def test_a_restored_backup_gives_the_same_answers(
@@ -95,10 +100,9 @@ def test_a_folder_that_cannot_be_made_is_a_sentence(tmp_path: Path) -> None:
         pass
 
 
-def test_an_export_is_what_the_other_commands_read(store: Store, tmp_path: Path) -> None:
-    fill(store)
-    store.exclude(RUNS[3].id, reason="test")
-    folder = store.export("bench", tmp_path / "bench")
+def test_an_export_is_what_the_other_commands_read(filled: Store, tmp_path: Path) -> None:
+    filled.exclude(RUNS[3].id, reason="test")
+    folder = filled.export("bench", tmp_path / "bench")
     runs = [ballscrew.Run.read(path) for path in sorted(folder.glob("runs/*.json"))]
     (model,) = folder.glob("models/*.json")
     found = ballscrew.monitor(
@@ -133,10 +137,10 @@ def test_archived_files_are_elsewhere_and_results_stay(with_files: Store, tmp_pa
     assert Store.verify(folder).faults == ()
 
 
-def test_nothing_is_written_into_a_store(store: Store) -> None:
-    fill(store)
-    inside = store.path / "files" / "more"
-    for write in (store.backup, lambda to: store.archive("bench", to), lambda to: store.export("bench", to)):
+def test_nothing_is_written_into_a_store(filled: Store) -> None:
+    inside = filled.path / "files" / "more"
+    archive, export = partial(filled.archive, "bench"), partial(filled.export, "bench")
+    for write in (filled.backup, archive, export):
         with pytest.raises(InputError, match="is in the store"):
             write(inside)
     assert not inside.exists()

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 from tests.monitoring.histories import at
+from tests.store.conftest import CopyStore
 from tests.store.stored import RUNS, fill, imitate_analysis, write_recordings
 
 from ballscrew.base.errors import InputError
@@ -20,14 +21,31 @@ from ballscrew.store.store import Store
 from ballscrew.store.tables import Model
 
 
+def add_all(store: Store) -> None:
+    """Add rows of all kinds and raw files."""
+    fill(store)
+    store.add(write_recordings(store.path.parent / "run", 50.0))
+    store.monitor("bench")
+
+
 @pytest.fixture
-def with_files(store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Store:
+def with_files(copy_store: CopyStore, monkeypatch: pytest.MonkeyPatch) -> Store:
     """A store with rows of all kinds and raw files."""
     imitate_analysis(monkeypatch)
-    fill(store)
-    store.add(write_recordings(tmp_path / "run", 50.0))
-    store.monitor("bench")
-    return store
+    return copy_store(add_all)
+
+
+def change_all(store: Store) -> None:
+    """Add to :func:`add_all` what people change."""
+    add_all(store)
+    with store.write("test") as session:
+        session.add(Model(digest="a second model", axis_id=1, document=b"", added_at=""))
+        record(session, "add", "model a second model")
+    with pytest.raises(InputError, match="another result"):
+        add_run(store, replace(RUNS[0], cells=RUNS[0].cells[1:]))
+    store.correct(RUNS[1].id, measured_at=at(4.0), reason="clock")
+    store.exclude(RUNS[2].id, reason="sensor")
+    assert store.verify(store.path).faults == ()
 
 
 def raw_files(store: Store) -> list[Path]:
@@ -97,19 +115,15 @@ def test_a_damaged_store_is_read_and_not_written_until_it_is_repaired(with_files
         ("DELETE FROM states WHERE run_id = 3", "states of the runs of the axis bench are missing"),
     ],
 )
-def test_a_changed_row_is_found(with_files: Store, change: str, fault: str) -> None:
-    with with_files.write("test") as session:
-        session.add(Model(digest="a second model", axis_id=1, document=b"", added_at=""))
-        record(session, "add", "model a second model")
-    with pytest.raises(InputError, match="another result"):
-        add_run(with_files, replace(RUNS[0], cells=RUNS[0].cells[1:]))
-    with_files.correct(RUNS[1].id, measured_at=at(4.0), reason="clock")
-    with_files.exclude(RUNS[2].id, reason="sensor")
-    assert with_files.verify(with_files.path).faults == ()
-    with with_files.engine(writing=True).begin() as connection:
+def test_a_changed_row_is_found(
+    copy_store: CopyStore, monkeypatch: pytest.MonkeyPatch, change: str, fault: str
+) -> None:
+    imitate_analysis(monkeypatch)
+    changed = copy_store(change_all)
+    with changed.engine(writing=True).begin() as connection:
         for statement in change.split("; "):
             connection.execute(text(statement))
-    assert fault in " ".join(with_files.verify(with_files.path).faults)
+    assert fault in " ".join(changed.verify(changed.path).faults)
 
 
 def test_flipped_bytes_of_the_database_are_found_or_change_nothing(tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ def test_the_migrations_make_the_tables(store: Store) -> None:
         assert compare_metadata(context, Base.metadata) == []
 
 
+@pytest.mark.usefixtures("with_fsync")
 def test_sqlite_is_durable_and_checks_its_references(tmp_path: Path) -> None:
     Store.init(tmp_path / "a")
     store = Store(tmp_path / "a")
@@ -155,36 +156,34 @@ def schema(store: Store) -> str | None:
 
 
 def test_an_older_store_is_migrated_and_a_newer_one_is_refused(
-    store: Store, later_version: Callable[[bool], None]
+    filled: Store, later_version: Callable[[bool], None]
 ) -> None:
-    fill(store)
-    before = text_of(store.monitor("bench").monitored)
+    before = text_of(filled.monitor("bench").monitored)
     later_version(True)
     with pytest.raises(
         InputError, match=f"has schema {SCHEMA}, this version needs {NEXT}: run 'ballscrew store mig"
     ):
-        Store(store.path)
-    assert Store.migrate(store.path) == SCHEMA
-    assert Store.migrate(store.path) == NEXT
-    migrated = Store(store.path)
+        Store(filled.path)
+    assert Store.migrate(filled.path) == SCHEMA
+    assert Store.migrate(filled.path) == NEXT
+    migrated = Store(filled.path)
     assert schema(migrated) == NEXT
     assert text_of(migrated.monitor("bench").monitored) == before
     later_version(False)
     with pytest.raises(InputError, match="was written by a later version of ballscrew"):
-        Store(store.path)
+        Store(filled.path)
     with pytest.raises(InputError, match="was written by a later version of ballscrew"):
-        Store.migrate(store.path)
+        Store.migrate(filled.path)
 
 
-def test_a_migration_that_fails_changes_nothing(store: Store, later_version: Callable[[bool], None]) -> None:
-    fill(store)
+def test_a_migration_that_fails_changes_nothing(filled: Store, later_version: Callable[[bool], None]) -> None:
     later_version(True)
     broken = migrating._MIGRATIONS / "versions" / f"{NEXT}_later.py"
     broken.write_text(LATER + "    op.execute('DROP TABLE nothing')\n")
     with pytest.raises(Exception, match="nothing"):
-        Store.migrate(store.path)
+        Store.migrate(filled.path)
     later_version(False)
-    assert count(Store(store.path), RunRow) == len(RUNS)
+    assert count(Store(filled.path), RunRow) == len(RUNS)
 
 
 def test_a_creation_that_was_interrupted_is_begun_again(tmp_path: Path) -> None:

@@ -23,11 +23,10 @@ def stored_explanation(store: Store) -> dict[str, Any] | None:
         return find_explanation(session, find_axis(session, "bench"))
 
 
-def test_an_explanation_is_that_of_monitor(store: Store) -> None:
-    fill(store)
-    assert stored_explanation(store) is None
-    store.monitor("bench")
-    found = stored_explanation(store)
+def test_an_explanation_is_that_of_monitor(filled: Store) -> None:
+    assert stored_explanation(filled) is None
+    filled.monitor("bench")
+    found = stored_explanation(filled)
     monitored = ballscrew.monitor(RUNS, MODEL, events=EVENTS)
     assert found is not None
     assert (found["headline"], found["lamp"]) == (headline(monitored), lamp(monitored))

@@ -12,6 +12,7 @@ import pytest
 from sqlalchemy import select
 from tests.estimation.made_runs import run_of
 from tests.monitoring.histories import BEGIN, at
+from tests.store.conftest import CopyStore
 from tests.store.stored import MODEL, count, text_of, write_recordings
 
 import ballscrew
@@ -64,14 +65,23 @@ def add_day(store: Store, folder: Path, day: int) -> str:
 
 
 @pytest.fixture
-def choose(store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Switch:
-    """Ten runs by revision 1, of which the newest five have raw files."""
-    revision = simulate(monkeypatch)
+def choose(monkeypatch: pytest.MonkeyPatch) -> Switch:
+    """Chooses the revision of a simulated analysis."""
+    return simulate(monkeypatch)
+
+
+def add_ten(store: Store) -> None:
+    """Add ten runs by revision 1, of which the newest five have raw files."""
     add_model(store, MODEL)
     for day in range(10):
-        add_day(store, tmp_path, day)
-    store.archive("bench", tmp_path / "archive", newest=5)
-    return revision
+        add_day(store, store.path.parent, day)
+    store.archive("bench", store.path.parent / "archive", newest=5)
+
+
+@pytest.fixture
+def archived(copy_store: CopyStore, choose: Switch) -> Store:  # noqa: ARG001  it replaces the analysis
+    """A store of :func:`add_ten`."""
+    return copy_store(add_ten)
 
 
 def changes(store: Store) -> list[dict[str, Any]]:
@@ -88,53 +98,53 @@ def raw_days(store: Store) -> list[int]:
 
 
 def test_runs_without_raw_files_keep_their_results_and_an_event_states_the_step(
-    store: Store, choose: Switch
+    archived: Store, choose: Switch
 ) -> None:
-    kept = raw_days(store)
-    before = store.monitor("bench").monitored
+    kept = raw_days(archived)
+    before = archived.monitor("bench").monitored
     choose(2)
-    (axis,) = store.reprocess()["axes"]
+    (axis,) = archived.reprocess()["axes"]
     assert (axis["missing"], axis["without_files"], axis["switched"]) == (10 - len(kept),) * 2 + (False,)
     assert axis["step"]["runs"] == len(kept)
     assert axis["step"]["value"] == pytest.approx(
         -0.0247, abs=3 * axis["step"]["standard_uncertainty"] + 5e-4
     )
-    assert text_of(store.monitor("bench").monitored) == text_of(before)
-    assert changes(store) == []
+    assert text_of(archived.monitor("bench").monitored) == text_of(before)
+    assert changes(archived) == []
 
-    (axis,) = store.reprocess(["bench"], switch=True)["axes"]
+    (axis,) = archived.reprocess(["bench"], switch=True)["axes"]
     assert axis["switched"]
-    assert store.show("bench")["method"] == {"name": "joint", "revision": 2}
-    stated = [(event["at"], round(event["step"] / axis["step"]["value"])) for event in changes(store)]
+    assert archived.show("bench")["method"] == {"name": "joint", "revision": 2}
+    stated = [(event["at"], round(event["step"] / axis["step"]["value"])) for event in changes(archived)]
     ends = [day for day in range(1, 10) if (day in kept) != (day - 1 in kept)]
     expected = [(at(float(day)), 1 if day in kept else -1) for day in ends]
     assert stated == expected
-    assert "revision 2 after 1: as +7." in changes(store)[-1]["text"]
-    with store.read() as session:
+    assert "revision 2 after 1: as +7." in changes(archived)[-1]["text"]
+    with archived.read() as session:
         (row,) = session.scalars(select(Audit).where(Audit.action == "switch"))
     assert row.detail["step"] == axis["step"]
-    assert store.verify(store.path).faults == ()
+    assert archived.verify(archived.path).faults == ()
 
-    after = store.monitor("bench").monitored.state
+    after = archived.monitor("bench").monitored.state
     assert [run.reading.run for run in after.runs] == [run.reading.run for run in before.state.runs]
     assert after.alarm_at is None
     levels = [[run.reading.level for run in state.runs] for state in (after, before.state)]
     assert np.subtract(*levels) == pytest.approx(0, abs=2e-3)
     assert len(after.epochs) == 1
-    assert store.monitor("bench").notes == ()
+    assert archived.monitor("bench").notes == ()
 
 
 @on_sqlite
 def test_without_the_step_the_same_runs_would_raise_an_alarm(
-    store: Store, choose: Switch, tmp_path: Path
+    archived: Store, choose: Switch, tmp_path: Path
 ) -> None:
     choose(2)
-    store.reprocess(switch=True)
+    archived.reprocess(switch=True)
     for day in range(10, 14):
-        add_day(store, tmp_path, day)
-    state = store.monitor("bench").monitored.state
+        add_day(archived, tmp_path, day)
+    state = archived.monitor("bench").monitored.state
     assert state.alarm_at is None
-    folder = store.export("bench", tmp_path / "exported")
+    folder = archived.export("bench", tmp_path / "exported")
     runs = [Run.read(path) for path in sorted(folder.glob("runs/*.json"))]
     events = read_events(folder / "events.toml")
     assert {event.kind for event in events} == {METHOD_CHANGED}
@@ -145,75 +155,75 @@ def test_without_the_step_the_same_runs_would_raise_an_alarm(
 
 
 @on_sqlite
-def test_a_late_run_is_between_two_changes(store: Store, choose: Switch, tmp_path: Path) -> None:
+def test_a_late_run_is_between_two_changes(archived: Store, choose: Switch, tmp_path: Path) -> None:
     """It is analysed by the newer revision, and the runs around it were not."""
     choose(2)
-    store.reprocess(switch=True)
-    gone = sorted(set(range(10)) - set(raw_days(store)))
+    archived.reprocess(switch=True)
+    gone = sorted(set(range(10)) - set(raw_days(archived)))
     first = next(day for day in gone if day + 1 in gone)
-    before = changes(store)
+    before = changes(archived)
     path = write_recordings(tmp_path / "late", first + 0.5, b"late", files=1)
-    store.add(path)
-    added = [event for event in changes(store) if event not in before]
+    archived.add(path)
+    added = [event for event in changes(archived) if event not in before]
     assert [(event["at"], event["step"] < 0) for event in added] == [
         (at(first + 0.5), True),
         (at(first + 1.0), False),
     ]
-    state = store.monitor("bench").monitored.state
+    state = archived.monitor("bench").monitored.state
     assert max(abs(run.reading.level) for run in state.runs) < 0.005
 
 
 @on_sqlite
-def test_three_revisions_follow_each_other(store: Store, choose: Switch, tmp_path: Path) -> None:
+def test_three_revisions_follow_each_other(archived: Store, choose: Switch, tmp_path: Path) -> None:
     choose(2)
-    store.reprocess(switch=True)
+    archived.reprocess(switch=True)
     for day in range(10, 13):
-        add_day(store, tmp_path, day)
-    store.archive("bench", tmp_path / "more", newest=4)
+        add_day(archived, tmp_path, day)
+    archived.archive("bench", tmp_path / "more", newest=4)
     choose(3)
-    assert store.reprocess(switch=True)["axes"][0]["switched"]
-    state = store.monitor("bench").monitored.state
+    assert archived.reprocess(switch=True)["axes"][0]["switched"]
+    state = archived.monitor("bench").monitored.state
     assert len(state.runs) == 13
     assert max(abs(run.reading.level) for run in state.runs) < 0.006
-    assert store.verify(store.path).faults == ()
-    assert store.reprocess()["failures"] == []
-    assert count(store, MethodChange) == 2
+    assert archived.verify(archived.path).faults == ()
+    assert archived.reprocess()["failures"] == []
+    assert count(archived, MethodChange) == 2
 
 
 @on_sqlite
-def test_an_axis_is_switched_back_and_forth(store: Store, choose: Switch, tmp_path: Path) -> None:
+def test_an_axis_is_switched_back_and_forth(archived: Store, choose: Switch, tmp_path: Path) -> None:
     for number in (2, 1):
         choose(number)
-        assert store.reprocess(switch=True)["axes"][0]["switched"]
-    assert changes(store) == []
+        assert archived.reprocess(switch=True)["axes"][0]["switched"]
+    assert changes(archived) == []
     for day in range(10, 13):
-        add_day(store, tmp_path, day)
+        add_day(archived, tmp_path, day)
     choose(2)
-    (axis,) = store.reprocess(switch=True)["axes"]
+    (axis,) = archived.reprocess(switch=True)["axes"]
     assert axis["switched"]
-    assert count(store, MethodChange) == 1
-    with store.read() as session:
+    assert count(archived, MethodChange) == 1
+    with archived.read() as session:
         change = session.scalars(select(MethodChange)).one()
         assert (change.step, change.runs) == (axis["step"]["value"], axis["step"]["runs"])
         assert change.checksum == checksum_of(change)
-    assert "revision 2 after 1" in changes(store)[-1]["text"]
-    assert len(store.monitor("bench").monitored.state.runs) == 13
-    assert store.verify(store.path).faults == ()
+    assert "revision 2 after 1" in changes(archived)[-1]["text"]
+    assert len(archived.monitor("bench").monitored.state.runs) == 13
+    assert archived.verify(archived.path).faults == ()
 
 
 @on_sqlite
-def test_a_method_is_not_reached_from_two_others(store: Store, choose: Switch) -> None:
+def test_a_method_is_not_reached_from_two_others(archived: Store, choose: Switch) -> None:
     """Runs without raw files have no result of it, and the steps to it would be two."""
     for number in (2, 3):
         choose(number)
-        store.reprocess(switch=True)
+        archived.reprocess(switch=True)
     choose(2)
     with pytest.raises(InputError, match="switched before, from revision 1 and not 3"):
-        store.reprocess(switch=True)
-    assert store.show("bench")["method"]["revision"] == 3
-    assert count(store, MethodChange) == 2
+        archived.reprocess(switch=True)
+    assert archived.show("bench")["method"]["revision"] == 3
+    assert count(archived, MethodChange) == 2
     choose(1)
-    assert store.reprocess(switch=True)["axes"][0]["switched"]
+    assert archived.reprocess(switch=True)["axes"][0]["switched"]
 
 
 @on_sqlite

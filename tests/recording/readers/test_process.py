@@ -75,7 +75,7 @@ def test_reading_imports_nothing_that_is_not_loaded_before(
         capture_output=True,
         text=True,
         check=True,
-        timeout=120,
+        timeout=600,
     )
     assert done.stdout == "[]\n"
 

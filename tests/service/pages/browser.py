@@ -15,7 +15,16 @@ from urllib.parse import quote
 
 import pytest
 import uvicorn
-from playwright.sync_api import Browser, ConsoleMessage, Dialog, Page, Request, Response, sync_playwright
+from playwright.sync_api import (
+    Browser,
+    ConsoleMessage,
+    Dialog,
+    Page,
+    Request,
+    Response,
+    expect,
+    sync_playwright,
+)
 from tests.service.conftest import SETUP, client_of, send, work_off
 from tests.simulated_bench import AXIS
 from tests.store.stored import MODEL, RUNS
@@ -27,6 +36,9 @@ from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.adding import add_run
 from ballscrew.store.opened import create_store
+
+_PATIENCE = 60_000  # ms: a shared machine can be slow
+expect.set_options(timeout=_PATIENCE)
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 HOSTILE = "<img src=x onerror=alert(1)>"
@@ -120,7 +132,7 @@ class Window:
         self.context = browser.new_context(base_url=address, **options)
         self.context.add_init_script(LISTENER)
         self.page: Page = self.context.new_page()
-        self.page.set_default_timeout(10_000)
+        self.page.set_default_timeout(_PATIENCE)
         self.page.on("console", self._console)
         self.page.on("pageerror", lambda error: self.problems.append(f"exception: {error}"))
         self.page.on("dialog", self._dialog)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import html
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 from urllib.parse import quote
 
@@ -17,6 +15,7 @@ from tests.service.conftest import SETUP, send, send_result, work_off
 from tests.simulated_bench import AXIS
 from tests.store.stored import MODEL, RUNS
 
+from ballscrew.cli.shell import run as command
 from ballscrew.service.pages.rendering import format_number
 from ballscrew.service.serving import Service
 from ballscrew.store.adding import add_model
@@ -85,10 +84,8 @@ def test_the_commands_compute_the_run_again(
     assert block is not None
     found = [shlex.split("ballscrew" + each) for each in html.unescape(block[1]).split("ballscrew")[1:3]]
     monkeypatch.chdir(tmp_path)
-    exported = subprocess.run(  # noqa: S603
-        [sys.executable, "-m", *found[0]], capture_output=True, text=True, check=False
-    )
-    assert exported.returncode == 0, exported.stderr
+    assert found[0][0] == "ballscrew"
+    assert command(found[0][1:]) == 0
     assert found[1][:2] == ["ballscrew", "analyze"]
     assert Path(found[1][2]).is_file()
 
