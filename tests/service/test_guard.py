@@ -192,6 +192,20 @@ def test_a_sign_in_from_another_site_is_refused(remote: Service, admin: TestClie
                 assert client.post(path, data={"name": "anna"}, headers=headers).status_code == 403
 
 
+@pytest.mark.parametrize("path", ["/sign-in", "/link/x"])
+def test_nobody_can_send_a_large_form_without_a_session(remote: Service, path: str) -> None:
+    """Neither with its length stated nor without."""
+
+    def blocks() -> Iterator[bytes]:
+        for _ in range(5):
+            yield b"x" * (1 << 14)
+
+    headers = {"Content-Type": "application/x-www-form-urlencoded"}
+    with anonymous(remote) as client:
+        for content in (b"x" * ((1 << 16) + 1), blocks()):
+            assert client.post(path, content=content, headers=headers).status_code == 413
+
+
 def test_a_form_that_is_too_large_is_refused(admin: TestClient) -> None:
     del admin.headers["X-CSRF-Token"]
 

@@ -68,6 +68,20 @@ def test_without_a_hash_another_one_is_verified(stored: str | None, monkeypatch:
     assert len(verified) == 3
 
 
+def test_the_first_hash_of_no_user_waits_for_its_turn_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    passwords._other_hash.cache_clear()
+    free = []
+
+    class Watched(PasswordHasher):
+        def hash(self, password: str | bytes, *, salt: bytes | None = None) -> str:
+            free.append(passwords._turns._value)
+            return super().hash(password, salt=salt)
+
+    monkeypatch.setattr(passwords, "hasher", Watched(time_cost=1, memory_cost=8, parallelism=1))
+    assert not is_password(GOOD, None)
+    assert free == [1]
+
+
 def test_a_hash_with_other_parameters_is_outdated() -> None:
     assert is_outdated(PasswordHasher(time_cost=2, memory_cost=8, parallelism=1).hash(GOOD))
     assert not is_outdated(hash_password(GOOD))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import unicodedata
 from typing import Any
 
 import pytest
@@ -62,6 +63,39 @@ def test_each_attempt_from_an_address_waits_longer() -> None:
         at[0] += try_to(throttle, f"more {each}")
         assert try_to(throttle, f"still more {each}") == 0
     assert try_to(throttle, "another") == 900
+
+
+def test_each_way_to_write_a_name_is_the_same_name() -> None:
+    throttle = Throttle(lambda: 0.0)
+    ways = [
+        "J\u00fcr\u00e9",
+        "Ju\u0308r\u00e9",
+        "J\u00fcre\u0301",
+        "Ju\u0308re\u0301",
+        " J\u00dcR\u00c9",
+        "j\u00fcr\u00e9",
+    ]
+    for each, way in enumerate(ways):
+        assert try_to(throttle, way, f"192.0.2.{each}") == 0
+    assert try_to(throttle, ways[0], "198.51.100.1") == 2
+
+
+def test_no_long_text_is_normalised(service: Service, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The time of it grows with the square of the length, and nothing else runs meanwhile."""
+    lengths = []
+
+    def normalise(form: str, text: str) -> str:
+        lengths.append(len(text))
+        return str(normalize(form, text))
+
+    normalize = unicodedata.normalize
+    monkeypatch.setattr(unicodedata, "normalize", normalise)
+    long = "a" + "\u0301\u0323" * 4000
+    with anonymous(service) as client:
+        for name, password in (("Anna", long), (long, PASSWORD)):
+            assert client.post("/sign-in", data={"name": name, "password": password}).status_code == 401
+    assert lengths
+    assert max(lengths) < 5000
 
 
 def test_a_network_of_version_6_is_one_address_and_mapped_ones_are_not() -> None:

@@ -20,6 +20,7 @@ from ballscrew.service.pages.sign_in import is_for_all, local_address
 from ballscrew.service.serving import TOO_LARGE, RefusedError, Service
 
 _LONGEST_BODY = 64 << 20  # bytes of any body but a file's: MODEL.json has a few
+_LONGEST_OF_ALL = 1 << 16  # bytes of the forms that anybody may send
 _MOST_DIGITS = 19  # of a number in a header
 _OPEN = ("/livez", "/readyz")  # without a token
 _READING = ("GET", "HEAD", "OPTIONS")
@@ -64,7 +65,7 @@ class Guard:
         if _is_file(scope):
             await self.app(scope, receive, answer)
         else:
-            await self._pass_on(scope, _LimitedBody(receive), answer)
+            await self._pass_on(scope, _LimitedBody(receive, _longest(scope)), answer)
 
     def _answering(self, scope: Scope, send: Send) -> Send:
         """Send an answer with the headers of all answers."""
@@ -110,7 +111,7 @@ class Guard:
             except RefusedError as error:
                 if error.status != 401 or not is_for_all(path):
                     raise
-        if not _is_file(scope) and not _is_short(headers.get("content-length", "0")):
+        if not _is_file(scope) and not _is_short(headers.get("content-length", "0"), _longest(scope)):
             raise _too_large()
 
     def _check_host(self, method: str, headers: Mapping[str, str]) -> None:
@@ -147,7 +148,7 @@ async def _check_form(scope: Scope, receive: Receive) -> Receive:
     _check_origin(headers)
     given = headers.get(_TOKEN, "").encode()
     if not given and headers.get("content-type", "").startswith(_FORM):
-        content = await _read(_LimitedBody(receive).receive)
+        content = await _read(_LimitedBody(receive, _LONGEST_BODY).receive)
         given = _token_of(content)
         receive = _again(content, receive)
     if not hmac.compare_digest(given, caller.form_token.encode()):
@@ -237,9 +238,14 @@ def _is_from_another_site(method: str, headers: Mapping[str, str]) -> bool:
     return method != "GET" or link != ("navigate", "document")
 
 
-def _is_short(length: str) -> bool:
+def _longest(scope: Scope) -> int:
+    """Bytes that the body of a request may have, unless it is a file."""
+    return _LONGEST_OF_ALL if is_for_all(scope["path"]) else _LONGEST_BODY
+
+
+def _is_short(length: str, most: int) -> bool:
     """Whether a body of a Content-Length may be received."""
-    return length.isdecimal() and len(length) < _MOST_DIGITS and int(length) <= _LONGEST_BODY
+    return length.isdecimal() and len(length) < _MOST_DIGITS and int(length) <= most
 
 
 def _too_large() -> RefusedError:
@@ -249,13 +255,14 @@ def _too_large() -> RefusedError:
 class _LimitedBody:
     """Body of a request, whose reading ends with an error once it is too large."""
 
-    def __init__(self, receive: Receive) -> None:
+    def __init__(self, receive: Receive, most: int) -> None:
         self._receive = receive
+        self._most = most
         self._size = 0
 
     @property
     def is_too_large(self) -> bool:
-        return self._size > _LONGEST_BODY
+        return self._size > self._most
 
     async def receive(self) -> AsgiMessage:
         message = await self._receive()

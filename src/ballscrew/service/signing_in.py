@@ -18,7 +18,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.service.passwords import hash_password, is_outdated, is_password
 from ballscrew.service.serving import TOO_MANY, RefusedError, Service
 from ballscrew.service.sessions import address_of_client, begin_session, cookie_of, end_sessions, origin_of
-from ballscrew.service.users import choose_password, find_user, invited_user
+from ballscrew.service.users import choose_password, find_user, invited_user, normal_name
 from ballscrew.store.opened import record
 from ballscrew.store.tables import User, UserSession
 
@@ -92,7 +92,7 @@ def _keys(name: str, address: str) -> tuple[tuple[str, str], tuple[str, str]]:
         found = ipaddress.ip_address(address)
         if isinstance(found, ipaddress.IPv6Address) and found.ipv4_mapped is None:
             address = str(ipaddress.ip_network((found, 64), strict=False))
-    return ("name", name.strip().casefold()[:200]), ("address", address)
+    return ("name", normal_name(name).casefold()), ("address", address)
 
 
 def throttle_of(request: Request) -> Throttle:

@@ -34,6 +34,13 @@ def check_role(role: str) -> str:
     return role
 
 
+def normal_name(name: str) -> str:
+    """A name with each letter in one form, as names are compared; empty where it is far too long for one."""
+    if len(name) > 4 * _LONGEST_NAME:  # in whose normal form it would be too long as well
+        return ""
+    return unicodedata.normalize("NFC", name).strip()
+
+
 def check_name(name: str) -> str:
     """Name of a user as it is stored.
 
@@ -42,7 +49,7 @@ def check_name(name: str) -> str:
     InputError
         If it is empty, too long, has signs that cannot be printed, or is that of another kind of caller.
     """
-    text = unicodedata.normalize("NFC", name).strip()
+    text = normal_name(name)
     if not 0 < len(text) <= _LONGEST_NAME or not text.isprintable():
         raise InputError(f"A name must have 1 to {_LONGEST_NAME} printable characters.")
     if text.casefold() == LOCAL or text.casefold().startswith("token "):
@@ -52,7 +59,7 @@ def check_name(name: str) -> str:
 
 def find_user(session: Session, name: str) -> User | None:
     """User of a name, in any case of its letters."""
-    wanted = unicodedata.normalize("NFC", name).strip().casefold()
+    wanted = normal_name(name).casefold()
     for row in session.scalars(select(User)):
         if row.name.casefold() == wanted:
             return row
