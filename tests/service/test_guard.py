@@ -115,6 +115,10 @@ def test_a_body_that_states_no_length_is_refused_once_it_is_too_large(client: Te
         {"Forwarded": "for=192.0.2.7"},
         {"Via": "1.1 proxy"},
         {"X-Real-IP": ""},
+        {"X-Forwarded-Proto": "https"},
+        {"X-Client-IP": "192.0.2.7"},
+        {"True-Client-IP": "192.0.2.7"},
+        {"CF-Connecting-IP": "192.0.2.7"},
     ],
 )
 def test_who_comes_through_a_proxy_on_this_computer_needs_a_token(

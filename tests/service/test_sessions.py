@@ -11,9 +11,10 @@ from sqlalchemy import select
 from tests.service.conftest import NewService
 from tests.service.people import PASSWORD, anonymous, form_token, new_user, signed_in
 
-from ballscrew.service import reading, sessions
+from ballscrew.service import access, reading, sessions
 from ballscrew.service.app import create_app
 from ballscrew.service.serving import Service
+from ballscrew.service.tokens import create_token, revoke_token
 from ballscrew.service.users import change_role, disable_user
 from ballscrew.store.opened import record
 from ballscrew.store.store import Store
@@ -142,7 +143,7 @@ def test_a_stream_of_changes_ends_with_the_session(
             disable_user(service.store, "carl")
         return sessions.is_session_open(service, number)
 
-    monkeypatch.setattr(reading, "is_session_open", look)
+    monkeypatch.setattr(access, "is_session_open", look)
     with service.store.write("test") as session:
         record(session, "set up", "axis bench")
     with signed_in(service, "carl", role) as client:
@@ -150,6 +151,33 @@ def test_a_stream_of_changes_ends_with_the_session(
     assert len(looks) == 3
     assert '"subject": "axis bench"' in text
     assert ('"subject": "user carl"' in text) == (role == "admin")
+
+
+@pytest.mark.parametrize("is_local", [False, True])
+def test_a_stream_of_changes_ends_with_the_token_and_at_this_computer_with_the_first_user(
+    new_service: NewService, monkeypatch: pytest.MonkeyPatch, is_local: bool
+) -> None:
+    monkeypatch.setattr(reading, "_QUIET", 0.0)
+    monkeypatch.setattr(reading, "_POLL", 0.01)
+    service, looks, headers = new_service(), [], {"Last-Event-ID": "0"}
+    number, text = create_token(service.store, None, role="viewer")
+    if not is_local:
+        headers["Authorization"] = f"Bearer {text}"
+
+    def look(service: Service, caller: access.Caller) -> bool:
+        looks.append(caller.name)
+        if len(looks) == 3 and is_local:
+            new_user(service, "anna", "admin")
+        elif len(looks) == 3:
+            revoke_token(service.store, number)
+        elif len(looks) > 3:
+            service.stopping.set()
+        return access.is_admitted(service, caller)
+
+    monkeypatch.setattr(reading, "is_admitted", look)
+    with anonymous(service) as client:
+        assert client.get("/api/v1/events", headers=headers).status_code == 200
+    assert looks == ["local" if is_local else f"token {number}"] * 3
 
 
 def test_a_damaged_store_is_read_by_those_who_have_signed_in(service: Service) -> None:

@@ -19,7 +19,7 @@ from ballscrew.service.serving import (
     UnknownAxisError,
     service_of,
 )
-from ballscrew.service.sessions import cookie_of, digest_of, find_session
+from ballscrew.service.sessions import cookie_of, digest_of, find_session, is_session_open
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.folder import now
 from ballscrew.store.tables import Axis, Token, User
@@ -30,7 +30,9 @@ ROLES = ("viewer", "maintainer", "admin")
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 """Names of this computer."""
 
-_FORWARDED = frozenset({"forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-real-ip"})
+_FORWARDED = ("forwarded", "via", "x-forwarded", "x-real-ip", "x-client-ip", "true-client-ip", "cf-")
+"""Beginnings of the headers that proxies add."""
+
 _CHALLENGE = {"WWW-Authenticate": "Bearer"}
 
 
@@ -52,6 +54,8 @@ class Caller:
         Number of the user.
     form_token : str, optional
         What each form of the session contains.
+    token : int, optional
+        Number of the token.
     """
 
     name: str
@@ -60,6 +64,7 @@ class Caller:
     session: int | None = None
     user: int | None = None
     form_token: str = ""
+    token: int | None = None
 
     def may(self, role: str) -> bool:
         """Whether the caller has a role, or one that may do more."""
@@ -110,12 +115,12 @@ def _owner_of(service: Service, authorization: str) -> Caller:
     if scheme.lower() != "bearer" or row is None or row.revoked_at is not None or not is_owned:
         raise RefusedError(401, "the token is not valid, or was revoked.", _CHALLENGE)
     service.token_uses[row.id] = now()
-    return Caller(f"token {row.id}", row.machine_id, row.role)
+    return Caller(f"token {row.id}", row.machine_id, row.role, token=row.id)
 
 
 def _is_local(settings: ServerSettings, headers: Mapping[str, str]) -> bool:
     """Whether a request comes from this computer, and not through a proxy on it."""
-    if not settings.on_loopback or not _FORWARDED.isdisjoint(headers.keys()):
+    if not settings.on_loopback or any(name.startswith(_FORWARDED) for name in headers):
         return False
     return host_name(headers.get("host", "")) in (*LOOPBACK, settings.host)
 
@@ -134,6 +139,16 @@ def needs_sign_in(service: Service) -> bool:
         return True
     with service.store.read() as session:
         return session.scalar(select(User.id).where(User.password.is_not(None)).limit(1)) is not None
+
+
+def is_admitted(service: Service, caller: Caller) -> bool:
+    """Whether a caller who was admitted still is: by session, by token, or at this computer."""
+    if caller.session is not None:
+        return is_session_open(service, caller.session)
+    if caller.token is None:
+        return not needs_sign_in(service)
+    with service.store.read() as session:
+        return session.get_one(Token, caller.token).revoked_at is None
 
 
 def caller_of(request: Request) -> Caller:

@@ -21,11 +21,17 @@ from starlette.concurrency import run_in_threadpool
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.result import not_executed
-from ballscrew.service.access import AnyCaller, Caller, MaintainerCaller, RunningService, ViewerCaller
+from ballscrew.service.access import (
+    AnyCaller,
+    Caller,
+    MaintainerCaller,
+    RunningService,
+    ViewerCaller,
+    is_admitted,
+)
 from ballscrew.service.jobs import ANALYSE, ASSESS, enqueue, job_documents
 from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_documents
 from ballscrew.service.serving import RefusedError, Service, UnknownAxisError
-from ballscrew.service.sessions import is_session_open
 from ballscrew.service.stored_runs import StoredRun, locate_run, result_document
 from ballscrew.store.explaining import find_explanation
 from ballscrew.store.lamps import add_lamps
@@ -310,7 +316,7 @@ def stream_events(
 
 
 async def _events(service: Service, after: int | None, caller: Caller) -> AsyncIterator[str]:
-    """Rows of the audit as they are written, as long as the session of the caller lasts."""
+    """Rows of the audit as they are written, as long as the caller is admitted."""
     if after is None:
         after = await run_in_threadpool(_newest, service)
     yield ": connected\n\n"
@@ -318,7 +324,7 @@ async def _events(service: Service, after: int | None, caller: Caller) -> AsyncI
     while True:
         if changes != service.changes:
             changes, quiet = service.changes, 0.0
-            if not await run_in_threadpool(_is_admitted, service, caller):
+            if not await run_in_threadpool(is_admitted, service, caller):
                 return
             rows = await run_in_threadpool(_rows_after, service, after, caller)
             for number, text in rows:
@@ -339,10 +345,6 @@ async def _events(service: Service, after: int | None, caller: Caller) -> AsyncI
 def _newest(service: Service) -> int:
     with service.store.read() as session:
         return session.scalar(select(Audit.id).order_by(Audit.id.desc()).limit(1)) or 0
-
-
-def _is_admitted(service: Service, caller: Caller) -> bool:
-    return caller.session is None or is_session_open(service, caller.session)
 
 
 def _rows_after(service: Service, after: int, caller: Caller) -> list[tuple[int, str]]:
