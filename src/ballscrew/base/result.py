@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Sequence
 from html import escape
 from importlib import import_module
@@ -22,6 +23,7 @@ MOST_SENTENCES = 3
 """Reasons that a representation contains."""
 
 _MOST_ROWS, _MOST_COLUMNS = 20, 10  # of the table in a notebook
+_WITHIN = re.compile('([;\t\r\n]"? *)(?=[=+@＝＋－＠-])')
 _FORMULA = tuple("=+-@\t\r\n＝＋－＠")  # first characters of a text that a spreadsheet executes
 
 
@@ -168,8 +170,15 @@ def _real(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def not_executed(cell: Any) -> Any:
-    """Cell of a table, with an apostrophe before a text that a spreadsheet would execute."""
-    return f"'{cell}" if isinstance(cell, str) and cell.lstrip(" ").startswith(_FORMULA) else cell
+    """Cell of a table, with an apostrophe before a text that a spreadsheet would execute.
+
+    Also within the text, where a spreadsheet of another language begins a cell: after a semicolon, a tab, or
+    the end of a line.
+    """
+    if not isinstance(cell, str):
+        return cell
+    text = _WITHIN.sub(r"\1'", cell)
+    return f"'{text}" if text.lstrip(" ").startswith(_FORMULA) else text
 
 
 def quantity_rows(rows: Sequence[tuple[str, Quantity | None]]) -> pd.DataFrame:
