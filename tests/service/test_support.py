@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import sqlalchemy
 from pydantic import SecretStr
+from sqlalchemy.orm import Session
 from tests.service.conftest import client_of
 from tests.store.stored import RUNS
 
 from ballscrew.base.errors import InputError
+from ballscrew.service import signing_in
 from ballscrew.service.logs import LOG_FILE, logging_to
 from ballscrew.service.serving import Service
 from ballscrew.service.settings import ServerSettings
@@ -83,6 +86,27 @@ def test_the_bundle_has_no_secret_no_measurement_and_no_name(
     requests = [line for line in lines if line["event"] == "request"]
     assert [line["status"] for line in requests] == [200, 404, 404]
     assert requests[0]["route"] == "/api/v1/axes/{axis}/events"
+
+
+def test_the_log_of_an_error_has_no_link_and_no_parameter_of_the_database(
+    worn_service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(session: Session, secret: str) -> None:
+        session.execute(
+            sqlalchemy.text("SELECT abs(-9223372036854775808), :digest"), {"digest": secret.upper()}
+        )
+
+    monkeypatch.setattr(signing_in, "invited_user", fail)
+    secret = "s3cret-link-" * 4
+    with (
+        logging_to(worn_service.store.path, "json"),
+        client_of(worn_service, raise_server_exceptions=False) as other,
+    ):
+        assert other.get(f"/link/{secret}").status_code == 500
+    log = (worn_service.store.path / LOG_FILE).read_text(encoding="utf-8")
+    assert "integer overflow" in log
+    assert secret not in log
+    assert secret.upper() not in log
 
 
 @pytest.mark.usefixtures("planted")

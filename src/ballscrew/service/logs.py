@@ -70,12 +70,17 @@ class RequestLog:
                 "caller": _caller(scope),
                 "address": _address(scope),
                 "method": scope["method"],
-                "path": _LONG_PART.sub(lambda part: f"{part[0][:8]}…", scope["path"]),
+                "path": short_path(scope["path"]),
                 "route": _route(scope),
                 "status": status,
                 "ms": round(1000 * (time.monotonic() - begin), 1),
             }
             _log.info("request", extra={"fields": fields})
+
+
+def short_path(path: str) -> str:
+    """Path with the first characters alone of what may be the secret of a link."""
+    return _LONG_PART.sub(lambda part: f"{part[0][:8]}…", path)
 
 
 def _caller(scope: Scope) -> str | None:

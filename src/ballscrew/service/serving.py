@@ -19,6 +19,7 @@ from sqlalchemy.orm import Session
 from starlette.exceptions import HTTPException
 
 from ballscrew.base.errors import BallscrewError, InputError, printable
+from ballscrew.service.logs import short_path
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.database import translated
 from ballscrew.store.opened import BY_SERVER, OpenStore
@@ -217,5 +218,5 @@ def _refuse_http(request: Request, error: Exception) -> JSONResponse:  # noqa: A
 
 def _report(request: Request, error: Exception) -> JSONResponse:
     """Answer after an unexpected error."""
-    _log.error("%s %s", request.method, request.url.path, exc_info=error)
+    _log.error("%s %s", request.method, short_path(request.url.path), exc_info=error)
     return JSONResponse({"detail": "unexpected error: this is a bug; see the server's log."}, 500)

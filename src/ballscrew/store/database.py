@@ -83,6 +83,7 @@ def make_engine(url: str, *, writing: bool, pooled: bool = False) -> Engine:
             poolclass=QueuePool if pooled else NullPool,
             pool_pre_ping=pooled,  # a server that was restarted has closed them
             isolation_level=level,
+            hide_parameters=True,  # hashes, in the message of an error
         )
     except (ArgumentError, NoSuchModuleError):
         raise InputError("the database is no URL such as postgresql://user@host/name.") from None
@@ -106,7 +107,7 @@ def _sqlite_engine(path: str, *, writing: bool) -> Engine:
             connection.execute(f"PRAGMA journal_size_limit = {_WAL_LIMIT}")
         return connection
 
-    engine = create_engine("sqlite://", creator=connect, poolclass=NullPool)
+    engine = create_engine("sqlite://", creator=connect, poolclass=NullPool, hide_parameters=True)
 
     @event.listens_for(engine, "begin")
     def _begin(connection: Connection) -> None:
