@@ -211,6 +211,25 @@ def test_a_link_is_valid_once_and_for_a_day(service: Service, monkeypatch: pytes
     assert new not in str(audit_of(service, "link"))
 
 
+def test_a_password_that_was_replaced_meanwhile_is_not_changed_again(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who knows the old password has lost the account once its owner has chosen another one."""
+    other = passwords.hash_password("chosen by the owner")
+
+    def verify(password: str, stored: str | None) -> bool:  # noqa: ARG001  as it is called
+        with service.store.write("test") as session:
+            session.scalars(select(User).where(User.name == "Anna")).one().password = other
+        return True
+
+    with signed_in(service, "Anna") as client:
+        monkeypatch.setattr("ballscrew.service.signing_in.is_password", verify)
+        values = {"old": PASSWORD, "password": "of an intruder", "again": "of an intruder"}
+        assert client.post("/account/password", data=values).status_code == 422
+    with service.store.read() as session:
+        assert session.scalars(select(User.password).where(User.name == "Anna")).one() == other
+
+
 def test_a_link_of_a_user_who_forgot_ends_the_sessions(service: Service) -> None:
     with signed_in(service, "anna") as client:
         link = new_link(service.store, "anna")

@@ -256,6 +256,8 @@ def change_password(
     hashed = hash_password(new[0])
     with service.store.write("password") as session:
         row = session.get_one(User, user)
+        if row.password != stored or row.disabled_at is not None:  # changed meanwhile
+            raise InputError("The present password is wrong.")
         row.password = hashed
         end_sessions(session, UserSession.user_id == user)
         return _begin(session, service, row, connection, "change password")
