@@ -15,6 +15,7 @@ from tests.service.sinks import HookSink, hook_sink, make_certificate
 
 from ballscrew.service.delivering import plan_messages, send_messages
 from ballscrew.service.serving import Service
+from ballscrew.service.tokens import create_token
 from ballscrew.store.tables import AlarmRow, Audit, Axis, Message
 
 
@@ -68,6 +69,19 @@ def test_a_test_message_says_what_happened(client: TestClient, hooks: HookSink, 
         actions = session.scalars(select(Audit.action)).all()
     assert actions[-2:] == ["test message", "test message"]
     assert "was given up" not in client.get("/status").text  # a test is none
+
+
+def test_recipients_are_in_the_changes_of_an_administrator_alone(
+    client: TestClient, informing: Service
+) -> None:
+    client.post("/api/v1/messages/test", json={"recipient": "cmms"})
+    informing.stopping.set()
+    for role, is_shown in (("admin", True), ("viewer", False)):
+        _, token = create_token(informing.store, None, role=role)
+        headers = {"Authorization": f"Bearer {token}", "Last-Event-ID": "0"}
+        text = client.get("/api/v1/events", headers=headers).text
+        assert "axis bench" in text
+        assert ("cmms" in text) == is_shown
 
 
 @pytest.mark.parametrize(

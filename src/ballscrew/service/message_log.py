@@ -14,7 +14,7 @@ from ballscrew.base.errors import shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.service.access import AdminCaller, RunningService
 from ballscrew.service.delivering import send_test
-from ballscrew.service.messages import FAILED, QUEUED, SENT, TEST
+from ballscrew.service.messages import FAILED, QUEUED, SENT, TEST, TEST_MESSAGE
 from ballscrew.service.planning import planned_messages
 from ballscrew.service.recipients import EmailRecipient
 from ballscrew.service.serving import RefusedError, Service
@@ -51,7 +51,7 @@ def test_message(new: NewTestMessage, caller: AdminCaller, service: RunningServi
     with service.computing("a test message"):
         row = send_test(service, recipient, datetime.now(UTC))
     with service.store.write("test message") as session:
-        record(session, "test message", recipient.label, by=caller.name, status=row.status, error=row.error)
+        record(session, TEST_MESSAGE, recipient.label, by=caller.name, status=row.status, error=row.error)
     return {"schema": SCHEMA, "recipient": row.recipient, "status": row.status, "error": row.error}
 
 

@@ -17,6 +17,7 @@ from ballscrew.service.recipients import MessageRules, Recipient
 RAISED, URGENT, ESCALATION = "raised", "urgent", "escalation"
 RETRACTED, ENDED, DIGEST, TEST = "retracted", "ended", "digest", "test"
 QUEUED, SENT, FAILED, DROPPED = "queued", "sent", "failed", "dropped"
+TEST_MESSAGE = "test message"  # action of the audit, whose subject is a recipient
 
 _STANDING = (RAISED, URGENT, ESCALATION)  # kinds of messages that an alarm stands
 _KEY = 40  # characters
