@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from typing import Any
 
+import pytest
 from fastapi.testclient import TestClient
 from tests.service.conftest import (
     CHANNELS,
@@ -26,6 +27,7 @@ from tests.simulated_bench import AXIS
 from tests.store.stored import RUNS, count
 
 from ballscrew.base.jsonfile import write_json
+from ballscrew.service import runs
 from ballscrew.service.serving import Service
 from ballscrew.store.store import Store
 from ballscrew.store.tables import Conflict, JobRow, ResultRow, RunRow, Upload
@@ -132,6 +134,17 @@ def test_what_is_no_run_is_refused_with_a_sentence(client: TestClient, service: 
         assert message in answer.json()["detail"]
         assert "ballscrew-" not in answer.json()["detail"]
     assert count(service.store, Upload) == count(service.store, JobRow) == 0
+
+
+def test_a_result_that_is_too_large_is_not_read(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runs, "_RUN_JSON_BYTES", 100)
+    answer = send_result(client, 0)
+    assert (answer.status_code, "at most" in answer.json()["detail"]) == (422, True)
+
+
+def test_a_job_of_any_number_is_looked_for(client: TestClient) -> None:
+    for number in (-(10**30), -1, 0, 10**30):
+        assert client.post(f"/api/v1/jobs/{number}/retry").status_code == 404
 
 
 def test_a_result_or_a_data_sheet_of_another_axis_is_422(client: TestClient) -> None:

@@ -30,6 +30,7 @@ from ballscrew.service.access import (
     is_admitted,
 )
 from ballscrew.service.jobs import ANALYSE, ASSESS, enqueue, job_documents
+from ballscrew.service.messages import TEST_MESSAGE
 from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_documents
 from ballscrew.service.serving import RefusedError, Service, UnknownAxisError
 from ballscrew.service.stored_runs import StoredRun, locate_run, result_document
@@ -285,7 +286,7 @@ def show_jobs(caller: ViewerCaller, service: RunningService) -> dict[str, Any]: 
 def retry_job(job: int, caller: MaintainerCaller, service: RunningService) -> dict[str, Any]:
     """Try a job again that was set aside."""
     with service.store.write("retry") as session:
-        row = session.get(JobRow, job) if job < 1 << 31 else None
+        row = session.get(JobRow, job) if 0 < job < 1 << 31 else None
         if row is None or not row.set_aside:
             raise RefusedError(404, "there is no such job that was set aside; GET /api/v1/jobs lists them.")
         if row.kind == ANALYSE:
@@ -352,6 +353,7 @@ def _rows_after(service: Service, after: int, caller: Caller) -> list[tuple[int,
     if not caller.may("admin"):
         for about in _ABOUT_PEOPLE:
             query = query.where(Audit.subject.not_like(f"{about} %"))
+        query = query.where(Audit.action != TEST_MESSAGE)  # has the address of its recipient
     with service.store.read() as session:
         rows = session.scalars(query).all()
     found = []

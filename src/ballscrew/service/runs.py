@@ -38,6 +38,7 @@ router = APIRouter(prefix="/api/v1/axes/{axis}/runs/{run}")
 
 QUEUED, DONE, REFUSED, SET_ASIDE, CONFLICT = "queued", "done", "refused", "set aside", "conflict"
 _DOCUMENT_BYTES = 1 << 20
+_RUN_JSON_BYTES = 1 << 24  # of a RUN.json, which is read in the memory of the server
 _NAME = r"^\.*[^\x00-\x1f\x7f/\\.][^\x00-\x1f\x7f/\\]*$"  # more than dots
 _SHA256 = "^[0-9a-f]{64}$"
 
@@ -222,6 +223,8 @@ def _read_text(name: str, path: Path, row: RawFile) -> str:
 
 
 def _read_run_json(axis: str, path: Path, row: RawFile) -> Run:
+    if row.size > _RUN_JSON_BYTES:
+        raise InputError(f"RUN.json: has {row.size} bytes; it has {_RUN_JSON_BYTES} at most.")
     with tempfile.TemporaryDirectory(prefix="ballscrew-") as folder:
         target = Path(folder) / "RUN.json"
         copy_out(path, row.compression, target, row.sha256)
