@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gzip
 import os
 import time
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 from tests.service.conftest import (
     RUN,
@@ -59,6 +61,13 @@ def test_a_file_is_stored_once(client: TestClient, service: Service) -> None:
     assert count(service.store, RawFile) == 1
     assert partials(service) == []
     assert Store.verify(service.store.path).faults == ()
+
+
+def test_a_compressed_body_is_stored_as_it_is(client: TestClient, service: Service) -> None:
+    content = gzip.compress(bytes(10_000_000))
+    assert put(client, content, **{"Content-Encoding": "gzip"}).status_code == 201
+    with service.store.read() as session:
+        assert session.scalars(select(RawFile.size)).all() == [len(content)]
 
 
 def test_a_file_is_resumed_where_it_ended(client: TestClient, service: Service) -> None:
