@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.sbom import ROOT, read_lock, sbom
+from tests.sbom import ROOT, normal, read_lock, sbom
 
 
 def test_the_list_has_what_the_server_needs_with_hashes_and_nothing_of_the_tests() -> None:
@@ -21,5 +21,6 @@ def test_the_list_has_what_the_server_needs_with_hashes_and_nothing_of_the_tests
 def test_every_pin_of_the_lock_is_read() -> None:
     text = (ROOT / "requirements" / "dev.txt").read_text(encoding="utf-8")
     lock = read_lock(text)
-    assert len(lock) == sum("==" in line and not line.startswith(" ") for line in text.splitlines())
+    pins = [line.split("==")[0] for line in text.splitlines() if "==" in line and not line.startswith(" ")]
+    assert set(lock) == set(map(normal, pins))  # some have another version for another Python
     assert all(pin["hashes"] for pin in lock.values())

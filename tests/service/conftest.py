@@ -19,6 +19,7 @@ from tests.simulated_bench import AXIS, PLAN
 from tests.store.stored import RUNS
 
 from ballscrew.base.jsonfile import write_json
+from ballscrew.base.provenance import FileRef
 from ballscrew.service import passwords
 from ballscrew.service.app import create_app
 from ballscrew.service.jobs import ASSESS, lease_job
@@ -158,6 +159,11 @@ def send_result(client: TestClient, number: int, key: str | None = None, **chang
     run = f"/api/v1/axes/bench/runs/{key or f'analysed-{number}'}"
     assert put(client, content, run).status_code in (200, 201)
     return client.post(f"{run}/complete", json={"files": [], "run_json": sha256(content)})
+
+
+def other_files(letter: str) -> tuple[FileRef, ...]:
+    """Recordings that no other run has."""
+    return (FileRef("trip1.h5", 64 * letter),)
 
 
 def work_off(service: Service, outcome: Callable[[Any], tuple[str, Any]]) -> int:

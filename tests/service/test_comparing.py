@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from tests.service.conftest import SETUP, send, send_result, work_off
+from tests.service.conftest import SETUP, other_files, send, send_result, work_off
 from tests.simulated_bench import AXIS
 from tests.store.stored import MODEL, RUNS
 
@@ -59,7 +59,15 @@ def test_the_cell_that_moved_most_is_a_certain_one(filled: TestClient) -> None:
     assert vague is not None
     moved[7] = replace(moved[7], frequency_Hz=vague * 0.95, standard_uncertainty_Hz=20.0)
     run = "f" * 64
-    send_result(filled, 0, "moved", id=run, cells=tuple(moved), measured_at="2026-06-01T00:00:00+00:00")
+    send_result(
+        filled,
+        0,
+        "moved",
+        id=run,
+        cells=tuple(moved),
+        measured_at="2026-06-01T00:00:00+00:00",
+        files=other_files("f"),
+    )
     found = cells(filled, run, RUNS[0].id)
     assert found["moved_most"] == 5
     assert (found["cells"][5]["differs"], found["cells"][7]["differs"]) == (True, False)
@@ -98,7 +106,7 @@ def test_what_is_not_there_is_a_sentence(filled: TestClient, path: str, status: 
 def test_the_beginning_of_an_id_is_enough_if_it_is_that_of_one_run(filled: TestClient) -> None:
     assert cells(filled, RUNS[3].id[:12])["run"] == RUNS[3].id
     for letter in "ab":
-        send_result(filled, 5, f"twin {letter}", id="01234567" + 56 * letter)
+        send_result(filled, 5, f"twin {letter}", id="01234567" + 56 * letter, files=other_files(letter))
     answer = filled.get("/api/v1/runs/01234567/cells")
     assert answer.status_code == 409
     assert answer.json()["runs"] == ["01234567" + 56 * letter for letter in "ab"]

@@ -11,7 +11,7 @@ from urllib.parse import quote
 import pytest
 from fastapi.testclient import TestClient
 from tests.service import raw_runs
-from tests.service.conftest import SETUP, send, send_result, work_off
+from tests.service.conftest import SETUP, other_files, send, send_result, work_off
 from tests.simulated_bench import AXIS
 from tests.store.stored import MODEL, RUNS
 
@@ -150,7 +150,7 @@ def test_corrections_and_exclusions_are_listed(filled: TestClient, service: Serv
 def test_a_run_that_is_not_there_and_one_of_several_are_pages(filled: TestClient) -> None:
     assert "no run &#39;&lt;b&gt;&#39;" in page(filled, "/runs/%3Cb%3E", 404)
     for letter in "ab":
-        send_result(filled, 5, f"twin {letter}", id="01234567" + 56 * letter)
+        send_result(filled, 5, f"twin {letter}", id="01234567" + 56 * letter, files=other_files(letter))
     text = page(filled, "/runs/01234567", 409)
     assert f'href="/runs/01234567{56 * "b"}"' in text
     assert "No such run" in page(filled, "/runs/none/signals", 404)
