@@ -33,6 +33,7 @@ from ballscrew.report.monitor_words import NOTHING
 from ballscrew.report.what_to_do import OLD
 from ballscrew.service.alarms import watch_for_silence
 from ballscrew.service.jobs import lease_job
+from ballscrew.service.planning import planned_messages
 from ballscrew.service.serving import Service
 from ballscrew.service.working import finish
 from ballscrew.store.adding import add_run
@@ -331,6 +332,10 @@ def test_an_alarm_is_over_once_a_later_run_of_its_epoch_is_normal(
     assert state["alarms"][0]["over_at"] == normal[0]
     assert client.get("/api/v1/axes/bench/trend").json()["alarms"][0]["ended_at"] == normal[0]
     assert messages(service) == [("alarm-1/1", "raised"), ("alarm-1/2", "ended")]
+    with service.store.write("test") as session:
+        session.get_one(Message, 1).sent_at = session.get_one(Message, 1).at
+    with service.store.read() as session:
+        assert planned_messages(session, service, datetime.now(UTC)).waiting == {2: "hold time"}
     assert "standing alarm" not in client.get("/").text
 
 

@@ -19,6 +19,7 @@ from ballscrew.service.messages import (
     plan_deliveries,
 )
 from ballscrew.service.serving import Service
+from ballscrew.store.alarms import alarm_over_at
 from ballscrew.store.tables import (
     AlarmAction,
     AlarmRow,
@@ -104,13 +105,17 @@ def _states(
         ("trouble", Trouble, Trouble.ended_at),
     ):
         column = getattr(AlarmAction, f"{kind}_id")
-        rows = session.execute(select(table.id, table.axis_id, end).where(table.axis_id.in_(axes))).all()
-        actions = select(AlarmAction).where(column.in_([row[0] for row in rows])).order_by(AlarmAction.id)
+        rows = session.execute(select(table, end).where(table.axis_id.in_(axes))).all()
+        actions = select(AlarmAction).where(column.in_([row.id for row, _ in rows])).order_by(AlarmAction.id)
         last = {getattr(action, f"{kind}_id"): action for action in session.scalars(actions)}
-        for number, axis, ended_at in rows:
-            name = f"{kind}-{number}"
-            state, acted_at = _state(last.get(number), ended_at, at)
-            found[name] = SubjectState(topics[name], state, acted_at, kind == "alarm" and axis in urgent_axes)
+        for row, stated in rows:
+            ended_at = stated
+            if ended_at is None and isinstance(row, AlarmRow):
+                ended_at = alarm_over_at(session, row)
+            name = f"{kind}-{row.id}"
+            state, acted_at = _state(last.get(row.id), ended_at, at)
+            is_urgent = kind == "alarm" and row.axis_id in urgent_axes
+            found[name] = SubjectState(topics[name], state, acted_at, is_urgent)
     return found
 
 
