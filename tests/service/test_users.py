@@ -95,6 +95,7 @@ def test_every_change_is_in_the_audit(service: Service) -> None:
     ("settings", "address"),
     [
         ({}, "http://127.0.0.1:8000"),
+        ({"public_url": "https://plant.example/"}, "https://plant.example"),
         ({"host": "::1", "port": 81}, "http://[::1]:81"),
         ({"host": "0.0.0.0", "allowed_hosts": ("plant.example", "x")}, "http://plant.example:8000"),  # noqa: S104
         ({"certificate": Path("a"), "private_key": Path("b")}, "https://127.0.0.1:8000"),

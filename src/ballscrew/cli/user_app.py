@@ -35,7 +35,8 @@ def add(
     """Add a user and print a link, valid once and for a day, on which to choose a password."""
     from ballscrew.service.users import add_user
 
-    return _print_link(data, name, add_user(open_store(data), name, role), as_json=as_json)
+    address = _address(data)
+    return _print_link(name, address + add_user(open_store(data), name, role), as_json=as_json)
 
 
 @user.command(cls=Command, name="list", epilog="Example: ballscrew user list")
@@ -93,16 +94,22 @@ def link(name: NameArgument, data: DataOption = None, as_json: Json = False) -> 
     """Print a new link for a user, such as one who forgot the password; earlier links end."""
     from ballscrew.service.users import new_link
 
-    return _print_link(data, name, new_link(open_store(data), name), as_json=as_json)
+    address = _address(data)
+    return _print_link(name, address + new_link(open_store(data), name), as_json=as_json)
 
 
-def _print_link(data: Path | None, name: str, secret: str, *, as_json: bool) -> int:
-    """Print the address of a link, by the settings of the server."""
+def _address(data: Path | None) -> str:
+    """Beginning of the address of a link, by the settings of the server; read before anything is changed."""
     from ballscrew.service.settings import default_folder, read_settings
-    from ballscrew.service.users import LINK_HOURS, address_of_server
+    from ballscrew.service.users import address_of_server
 
-    settings = read_settings(data or default_folder(), None, {})
-    address = f"{address_of_server(settings)}/link/{secret}"
+    return f"{address_of_server(read_settings(data or default_folder(), None, {}))}/link/"
+
+
+def _print_link(name: str, address: str, *, as_json: bool) -> int:
+    """Print a link."""
+    from ballscrew.service.users import LINK_HOURS
+
     if as_json:
         print_json({"schema": SCHEMA, "name": name, "link": address})
     else:

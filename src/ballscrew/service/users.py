@@ -218,7 +218,9 @@ def choose_password(session: Session, user: User, name: str, hashed: str) -> Non
 
 
 def address_of_server(settings: ServerSettings, port: int | None = None) -> str:
-    """Beginning of the addresses of a server, as far as its settings state it."""
+    """Beginning of the addresses of a server: public_url, or what its other settings state."""
+    if settings.public_url is not None:
+        return settings.public_url.rstrip("/")
     scheme = "http" if settings.certificate is None else "https"
     host = settings.host
     if host in ("0.0.0.0", "::") and settings.allowed_hosts:  # noqa: S104  compared

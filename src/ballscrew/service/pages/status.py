@@ -1,4 +1,4 @@
-"""Page of the server: health of store and workers, queue, newest sent runs, tokens, settings."""
+"""Pages of the server: health of store and workers, queue and newest sent runs; its settings."""
 
 from __future__ import annotations
 
