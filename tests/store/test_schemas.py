@@ -22,8 +22,9 @@ def test_there_is_a_store_of_this_schema() -> None:
 def assert_contains(found: Any, expected: Any) -> None:
     """Every value of an earlier version is there; a later one may add keys."""
     if isinstance(expected, dict):
-        assert expected.keys() <= found.keys()
         for key, value in expected.items():
+            if key == "newest_at":  # of the newest assessed run, as it was
+                key = "assessed_until"
             assert_contains(found[key], value)
     elif isinstance(expected, list):
         assert len(found) == len(expected)

@@ -181,6 +181,7 @@ def _item(session: Session, kind: str, rows: Sequence[Message]) -> dict[str, Any
         "kind": newest.detail.get("kind", "axis"),
         "text": printable(str(newest.detail.get("text", ""))),
         "ended": has_ended,
+        "retracted": newest.kind == RETRACTED,
         "repeats": repeats if has_ended else max(0, repeats - 1),
         "began_at": newest.detail.get("began_at"),
         "at": newest.at,

@@ -100,22 +100,20 @@ def _states(
     urgent = select(Axis.id).join(Assessment, Assessment.id == Axis.assessment_id)
     urgent_axes = set(session.scalars(urgent.where(Axis.id.in_(axes), Assessment.urgency == "now")))
     found = {}
-    for kind, table, end in (
-        ("alarm", AlarmRow, AlarmRow.retracted_at),
-        ("trouble", Trouble, Trouble.ended_at),
-    ):
-        column = getattr(AlarmAction, f"{kind}_id")
-        rows = session.execute(select(table, end).where(table.axis_id.in_(axes))).all()
-        actions = select(AlarmAction).where(column.in_([row.id for row, _ in rows])).order_by(AlarmAction.id)
-        last = {getattr(action, f"{kind}_id"): action for action in session.scalars(actions)}
-        for row, stated in rows:
-            ended_at = stated
-            if ended_at is None and isinstance(row, AlarmRow):
-                ended_at = alarm_over_at(session, row)
-            name = f"{kind}-{row.id}"
-            state, acted_at = _state(last.get(row.id), ended_at, at)
-            is_urgent = kind == "alarm" and row.axis_id in urgent_axes
-            found[name] = SubjectState(topics[name], state, acted_at, is_urgent)
+    alarms = session.scalars(select(AlarmRow).where(AlarmRow.axis_id.in_(axes))).all()
+    troubles = session.scalars(select(Trouble).where(Trouble.axis_id.in_(axes))).all()
+    actions = select(AlarmAction).order_by(AlarmAction.id)
+    of_alarms = actions.where(AlarmAction.alarm_id.in_([row.id for row in alarms]))
+    last = {action.alarm_id: action for action in session.scalars(of_alarms)}
+    for alarm in alarms:
+        ended_at = alarm.retracted_at or alarm_over_at(session, alarm)
+        name, state = f"alarm-{alarm.id}", _state(last.get(alarm.id), ended_at, at)
+        found[name] = SubjectState(topics[name], *state, alarm.axis_id in urgent_axes)
+    of_troubles = actions.where(AlarmAction.trouble_id.in_([row.id for row in troubles]))
+    last = {action.trouble_id: action for action in session.scalars(of_troubles)}
+    for trouble in troubles:
+        name, state = f"trouble-{trouble.id}", _state(last.get(trouble.id), trouble.ended_at, at)
+        found[name] = SubjectState(topics[name], *state, False)
     return found
 
 

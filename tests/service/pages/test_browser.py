@@ -317,7 +317,7 @@ def test_a_run_that_arrives_appears_in_two_windows_without_a_reload(
     for window in windows:
         window.open("/").evaluate("window.same = true")
     wait_for(lambda: len(streams) >= 2)
-    last = "//tr[.//a[text()='bench']]/td[6]"  # of the last run
+    last = "//tr[.//a[text()='bench']]/td[7]"  # of the last run
     before = windows[0].page.locator(last).get_attribute("data-value")
     with client_of(plant) as client:
         assert send_result(client, len(RUNS) - 1).status_code == 202
@@ -331,7 +331,7 @@ def test_a_run_that_arrives_appears_in_two_windows_without_a_reload(
             arg=[last, before],
         )
         assert page.evaluate("window.same")
-        assert page.locator("thead button").count() == 8  # of the new table too
+        assert page.locator("thead button").count() == 9  # of the new table too
 
 
 def test_a_page_is_reloaded_while_data_arrive(window: Window, plant: Service) -> None:
