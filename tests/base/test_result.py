@@ -166,8 +166,9 @@ def test_no_text_of_a_csv_is_a_formula(text, tmp_path):
     table = pd.DataFrame({text: ["good", text], "x": [-1.5, 2.0]})
     export_table(table, tmp_path / "a.csv")
     back = pd.read_csv(tmp_path / "a.csv", skipinitialspace=False)
-    assert list(back.columns) == [f"'{text}", "x"]
-    assert back.iloc[:, 0].tolist() == ["good", f"'{text}"]
+    guarded = "'" + text.replace("\t", "\t'").replace("\r", "\r'")  # a cell may begin after these, too
+    assert list(back.columns) == [guarded, "x"]
+    assert back.iloc[:, 0].tolist() == ["good", guarded]
     assert back["x"].tolist() == [-1.5, 2.0]
     pytest.importorskip("pyarrow")
     export_table(table, tmp_path / "a.parquet")

@@ -58,6 +58,7 @@ def test_it_leaves_figures_claims_no_recordings_and_what_was_there_before(ballsc
     assert min(falls) > 3
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short", "few_members", "fitted_once")
 def test_recordings_are_kept_on_request(ballscrew, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "draw_figures", lambda *_, **__: ())

@@ -36,6 +36,7 @@ def test_the_example_runs(bench: Path, tmp_path: Path, monkeypatch: pytest.Monke
     assert (tmp_path / "run.csv").read_text(encoding="utf-8").count("\n") == 41
 
 
+@pytest.mark.slow
 def test_a_speed_that_is_smoothed_without_a_word_makes_cells_suspect(bench: Path, tmp_path: Path) -> None:
     """By a first-order filter of 1 ms, which shifts the frequencies by 0.7 to 1 Hz."""
     form = FORMATS["TwinCAT Scope with speed"]

@@ -86,8 +86,8 @@ class HistoryCause:
     probability : float
         Relative to the other causes; all sum to 1.
     evidence : str
-        Evidence in words, a sentence for each kind, with ``; `` between them. Each begins with ``for: ``,
-        ``against: ``, or ``unclear: `` where it is neither.
+        Evidence in words, a sentence for each kind, with ``;`` between them. Each begins with ``for:``,
+        ``against:``, or ``unclear:`` where it is neither.
     """
 
     cause: str

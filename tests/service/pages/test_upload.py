@@ -35,9 +35,9 @@ def window(browser: Browser, plant: Service) -> Iterator[Window]:
 @pytest.mark.parametrize(
     ("load", "mass", "temperature", "celsius"),
     [
-        ("100,5", 100.5, "25 °C", 25.0),
         ("110 lb", 110 * 0.45359237, "77 °F", 25.0),
-        (".05 T", 50.0, "20", 20.0),
+        pytest.param("100,5", 100.5, "25 °C", 25.0, marks=pytest.mark.slow),
+        pytest.param(".05 T", 50.0, "20", 20.0, marks=pytest.mark.slow),
     ],
 )
 def test_a_run_is_uploaded_and_its_verdict_appears(
