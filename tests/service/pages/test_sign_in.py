@@ -189,6 +189,14 @@ def test_an_administrator_invites_changes_and_disables(service: Service, admin: 
     assert (carl["role"], carl["disabled_at"]) == ("maintainer", None)
 
 
+def test_the_link_of_an_invitation_begins_with_the_public_address(
+    service: Service, admin: TestClient
+) -> None:
+    service.settings = service.settings.model_copy(update={"public_url": "https://plant.example/ballscrew/"})
+    text = admin.post("/users", data={"do": "invite", "name": "carl", "role": "viewer"}).text
+    assert re.search(r"https://plant\.example/ballscrew/link/[\w-]+", text)
+
+
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [

@@ -19,6 +19,7 @@ from ballscrew.service.sessions import open_sessions
 from ballscrew.service.tokens import create_token, list_tokens, revoke_token
 from ballscrew.service.users import (
     add_user,
+    address_of_server,
     change_role,
     disable_user,
     end_sessions_of,
@@ -59,8 +60,11 @@ def post_user(request: Request, form: PostedForm, caller: AdminCaller, service: 
         return _page(request, service, refusal("users", error, form))
     if link is None:
         return go_to("/users", do)
-    address = f"{request.scope['scheme']}://{request.headers.get('host', '')}/link/{link}"
-    return _page(request, service, Outcome("users", result={"name": name.strip(), "link": address}))
+    server = f"{request.scope['scheme']}://{request.headers.get('host', '')}"
+    if service.settings.public_url is not None:
+        server = address_of_server(service.settings)
+    result = {"name": name.strip(), "link": f"{server}/link/{link}"}
+    return _page(request, service, Outcome("users", result=result))
 
 
 @router.post("/users/tokens")
