@@ -33,6 +33,8 @@ def plain(value: Any, digits: int = 9) -> Any:
     """
     if value is None or isinstance(value, str):
         return value
+    if isinstance(value, float):
+        return float(f"{value:.{digits}g}") if math.isfinite(value) else None
     if isinstance(value, dict):
         return {str(key): plain(item, digits) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -41,8 +43,6 @@ def plain(value: Any, digits: int = 9) -> Any:
         return {name: plain(getattr(value, name), digits) for name in value.__dataclass_fields__}
     if hasattr(value, "tolist"):
         return plain(value.tolist(), digits)
-    if isinstance(value, float):
-        return float(f"{value:.{digits}g}") if math.isfinite(value) else None
     return value
 
 

@@ -229,7 +229,8 @@ def _type(
 
 _STOPS = (0.0, 0.1, 0.2, 0.3, 0.4)
 _MILL = _type(_STOPS, LOAD)
-_LATHE = _type(_STOPS, 70.0, (1.0, 5.0), rigidity=480e6)
+_LATHE = _type(_STOPS, 70.0, rigidity=480e6)
+_LATHE_OF_TWO = _type(_STOPS, 70.0, (1.0, 5.0), rigidity=480e6)  # separates bearing and nut
 _GRINDER = _type(_STOPS, 20.0, table=60.0)
 _GANTRY = _type((0.0, 0.15, 0.3, 0.45), 40.0, table=55.0)
 _LOOSE = Instruments(pitch_frequency=300.0, pitch_damping=0.05, pitch=(0.0, 1.0))
@@ -250,7 +251,7 @@ PLANT = (
     PlantAxis("mill 7 Y", "mill 7", "hall 1", _MILL, 43.0, swing=7.0),
     PlantAxis("mill 7 Z", "mill 7", "hall 1", _MILL, 42.0, loose={97: _LOOSE, 101: _HANGING}),
     PlantAxis(
-        "lathe 2 X", "lathe 2", "hall 2", _LATHE, 68.0, bearing=(94.0, 0.03), raised=95,
+        "lathe 2 X", "lathe 2", "hall 2", _LATHE_OF_TWO, 68.0, bearing=(94.0, 0.03), raised=95,
         story=((95.4, "acknowledge", "The bearing will be adjusted at the next service."),),
     ),
     PlantAxis("lathe 2 Z", "lathe 2", "hall 2", _LATHE, 67.0),

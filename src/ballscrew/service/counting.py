@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 from typing import Any
 
 from sqlalchemy import select
@@ -25,7 +26,9 @@ FAR = 366 * 24 * 3600.0
 that lost its battery begins years ago."""
 
 
-def doubt_of_time(measured_at: str | None, received_at: str, others: Sequence[float]) -> str | None:
+def doubt_of_time(
+    measured_at: str | None, received_at: str, others: Callable[[], Sequence[float]]
+) -> str | None:
     """Why the time of a run is doubtful.
 
     Parameters
@@ -34,8 +37,8 @@ def doubt_of_time(measured_at: str | None, received_at: str, others: Sequence[fl
         Time of the run.
     received_at : str
         Time of its receipt.
-    others : sequence of float
-        Times of the other runs of the axis that count, s since 1970.
+    others : callable
+        Returns the times of the other runs of the axis that count, s since 1970; called if they are needed.
 
     Returns
     -------
@@ -48,7 +51,10 @@ def doubt_of_time(measured_at: str | None, received_at: str, others: Sequence[fl
     received = moment(received_at, "received_at").timestamp()
     if measured > received + CLOCK_TOLERANCE:
         return f"measured_at, {measured_at}, is in the future."
-    if others and min(abs(each - measured) for each in (*others, received)) > FAR:
+    if abs(measured - received) <= FAR:
+        return None
+    times = others()
+    if times and min(abs(each - measured) for each in times) > FAR:
         return f"measured_at, {measured_at}, is more than a year from every other run and from its receipt."
     return None
 
@@ -82,14 +88,13 @@ def doubts_of(session: Session, rows: Sequence[Upload]) -> list[str | None]:
     standing = select(RunRow.run, Exclusion.reason).join(RunRow, RunRow.id == Exclusion.run_id)
     standing = standing.where(Exclusion.actor == SERVER, Exclusion.ended_at.is_(None))
     reasons: dict[str, str] = {run: reason for run, reason in session.execute(standing)}  # noqa: C416
+    times = cache(partial(_counting_times, session))
     found = []
-    others: dict[int, list[float]] = {}
     for row in rows:
         doubt = reasons.get(row.run or "")
         if row.run is None:
-            if row.axis_id not in others:
-                others[row.axis_id] = _counting_times(session, row.axis_id)
-            doubt = doubt_of_time(row.stated.get("measured_at"), row.received_at, others[row.axis_id])
+            measured_at = row.stated.get("measured_at")
+            doubt = doubt_of_time(measured_at, row.received_at, partial(times, row.axis_id))
         found.append(doubt)
     return found
 
@@ -159,7 +164,7 @@ def exclude_as_needed(session: Session, axis: Axis, sent: Upload, *, is_new: boo
     if not is_new:
         return None
     run = session.scalars(select(RunRow).where(RunRow.run == sent.run)).all()[0]
-    others = _counting_times(session, axis.id, run.run)
+    others = partial(_counting_times, session, axis.id, run.run)
     doubt = doubt_of_time(run.measured_at, sent.received_at, others)
     if doubt is not None:
         insert_exclusion(session, run, doubt, SERVER)

@@ -158,10 +158,10 @@ def make_plant(
                 lease, task = plant.lease_assessment(history.axis)
                 assessments.append((lease, pool.submit(do_task, task)))
             progress(len(histories), len(axes), history.axis.name)
+        plant.send_others(histories)  # while the processes assess
         for lease, future in assessments:
             progress(len(axes), len(axes), f"assessing {lease.argument}")
             finish(service, lease, *future.result())
-        plant.send_others(histories)
         for writing in (False, True):
             service.store.engine(writing=writing).dispose()
     data.create(None, simulated=True)
@@ -268,11 +268,12 @@ class _Plant:
     def _send(self, axis: PlantAxis, week: int, path: Path, run: Run | None = None) -> None:
         """Send the recordings of a test, and store the result of their analysis, if there is one."""
         text = path.read_text(encoding="utf-8")
-        files, readers = [], []
-        for recording in sorted(path.parent.glob("trip*.h5")):
+        recordings = sorted(path.parent.glob("trip*.h5"))
+        readers = len(recordings) * [reader_of(recordings[0])]  # of one format
+        files = []
+        for recording in recordings:
             sha256 = hash_file(recording)
             files.append(SentFile(name=recording.name, sha256=sha256))
-            readers.append(reader_of(recording))
             store_file(self.service, recording, sha256)
         body = Completion(files=files, run_toml=text, run_json=None, measured_at=None)
         complete_run(axis.name, f"week {week}", body, _CALLER, self.service)

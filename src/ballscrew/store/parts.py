@@ -30,11 +30,14 @@ def exclude_parts(session: Session, axis: Axis, run: RunRow, by: str) -> None:
     by : str
         Who sent it.
     """
+    others = _sharing(session, run)
+    if not others:
+        return
     counting = {row.id for row in current_rows(session, axis)}
     if run.id not in counting:
         return
     excluded = []
-    for other in _sharing(session, run):
+    for other in others:
         if other.id in counting and other.mass_kg == run.mass_kg:
             excluded += _excluded_of(session, run, other)
     itself = [each for each in excluded if each[0] is run]
