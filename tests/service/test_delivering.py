@@ -430,7 +430,7 @@ def test_troubles_are_one_message_a_day(make: Made, mails: MailSink) -> None:
     content = mails.mails[1].get_content().replace("\r", "")
     assert "/axes/bench\n" in content
     assert "/axes/Y%20axis\n" in content
-    assert content.count("- Run the test, or find out why its run was not sent.") == 2
+    assert content.count("- Run the test, or find out why no run arrives: it is overdue.") == 2
 
 
 def test_a_recipient_that_was_removed_is_dropped(make: Made, mails: MailSink) -> None:

@@ -210,6 +210,15 @@ def test_nobody_can_send_a_large_form_without_a_session(remote: Service, path: s
             assert client.post(path, content=content, headers=headers).status_code == 413
 
 
+def test_the_large_body_of_a_viewer_is_not_parsed(remote: Service) -> None:
+    _, token = create_token(remote.store, None, role="viewer", name="dashboard")
+    headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+    with anonymous(remote) as client:
+        large = client.put("/api/v1/axes/bench", content=b"[" * ((1 << 16) + 1), headers=headers)
+        small = client.put("/api/v1/axes/bench", content=b"{}", headers=headers)
+    assert (large.status_code, small.status_code) == (413, 403)
+
+
 def test_a_form_that_is_too_large_is_refused(admin: TestClient) -> None:
     del admin.headers["X-CSRF-Token"]
 

@@ -158,14 +158,14 @@ def _check(data: Path | None, config: Path | None, options: dict[str, Any], *, a
     return WRONG_INPUT if problems else DONE
 
 
-def open_store(data: Path | None) -> OpenStore:
-    """Store of a data folder, created if there is none."""
+def open_store(data: Path | None, *, create: bool = False) -> OpenStore:
+    """Store of a data folder; created if there is none, where that is asked for."""
     from ballscrew.service.settings import default_folder
     from ballscrew.store.folder import DataFolder
     from ballscrew.store.opened import OpenStore, create_store
 
     folder = data or default_folder()
-    if not DataFolder(folder).exists():
+    if create and not DataFolder(folder).exists():
         create_store(folder)
     return OpenStore(folder)
 
@@ -174,7 +174,7 @@ def _create(data: Path | None, machine: str | None, role: str | None, name: str,
     """Create a token and print it once."""
     from ballscrew.service.tokens import create_token
 
-    number, text = create_token(open_store(data), machine, role=role, name=name)
+    number, text = create_token(open_store(data, create=True), machine, role=role, name=name)
     if as_json:
         print_json({"schema": SCHEMA, "id": number, "machine": machine, "role": role, "token": text})
     else:

@@ -36,7 +36,8 @@ def add(
     from ballscrew.service.users import add_user
 
     address = _address(data)
-    return _print_link(name, address + add_user(open_store(data), name, role), as_json=as_json)
+    link = address + add_user(open_store(data, create=True), name, role)
+    return _print_link(name, link, as_json=as_json)
 
 
 @user.command(cls=Command, name="list", epilog="Example: ballscrew user list")

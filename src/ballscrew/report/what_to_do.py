@@ -56,10 +56,15 @@ def what_to_do(document: Mapping[str, Any], advice: Sequence[str]) -> list[str]:
     return [WAIT]
 
 
+def action_on(trouble: str) -> str:
+    """Sentence on what to do about a trouble, by its kind."""
+    return _OF_TROUBLES.get(trouble, REFUSED)
+
+
 def _of_measurement(document: Mapping[str, Any]) -> Iterator[str]:
     """Actions on the measurement, and on runs that are missing."""
     because = document["measurement"]["because"]
-    actions = [_OF_TROUBLES.get(each["kind"], REFUSED) for each in document["measurement"]["troubles"]]
+    actions = [action_on(each["kind"]) for each in document["measurement"]["troubles"]]
     yield from actions
     if document["lamp"]["because"] == "reset":
         yield RESET

@@ -19,7 +19,9 @@ from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import BallscrewError, printable
 from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.base.reasons import coded
 from ballscrew.monitoring.epochs import moment
+from ballscrew.report.what_to_do import action_on
 from ballscrew.service.mail import send_mail
 from ballscrew.service.messages import (
     DIGEST,
@@ -155,6 +157,8 @@ def compose(
     items = [_item(session, kind, each) for each in gathered.values()]
     add_lamps(session, items, at, service.settings.calendar)
     for item in items:
+        if item["kind"] != "axis":
+            item["to_do"] = [coded(action_on(item["kind"]))]
         _name(item, service)
     text = environment_of(language).get_template("message.txt")
     link, simulated = _address(service), service.store.folder.is_simulated()

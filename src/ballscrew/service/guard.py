@@ -20,7 +20,7 @@ from ballscrew.service.pages.sign_in import is_for_all, local_address
 from ballscrew.service.serving import TOO_LARGE, RefusedError, Service
 
 _LONGEST_BODY = 64 << 20  # bytes of any body but a file's: MODEL.json has a few
-_LONGEST_OF_ALL = 1 << 16  # bytes of the forms that anybody may send
+_LONGEST_OF_ALL = 1 << 16  # bytes of the forms that anybody and viewers may send
 _MOST_DIGITS = 19  # of a number in a header
 _OPEN = ("/livez", "/readyz")  # without a token
 _READING = ("GET", "HEAD", "OPTIONS")
@@ -239,8 +239,13 @@ def _is_from_another_site(method: str, headers: Mapping[str, str]) -> bool:
 
 
 def _longest(scope: Scope) -> int:
-    """Bytes that the body of a request may have, unless it is a file."""
-    return _LONGEST_OF_ALL if is_for_all(scope["path"]) else _LONGEST_BODY
+    """Bytes that the body of a request may have, unless it is a file.
+
+    FastAPI parses a body before the route refuses its caller: that of one who may only read stays small.
+    """
+    caller: Caller | None = scope.get("state", {}).get("caller")
+    is_reader = caller is not None and caller.role == "viewer"
+    return _LONGEST_OF_ALL if is_reader or is_for_all(scope["path"]) else _LONGEST_BODY
 
 
 def _is_short(length: str, most: int) -> bool:

@@ -19,7 +19,7 @@ from ballscrew.service.messages import (
     plan_deliveries,
 )
 from ballscrew.service.serving import Service
-from ballscrew.store.alarms import alarm_over_at
+from ballscrew.store.alarms import alarm_over_at, state_by
 from ballscrew.store.tables import (
     AlarmAction,
     AlarmRow,
@@ -119,11 +119,5 @@ def _states(
 
 def _state(action: AlarmAction | None, ended_at: str | None, at: datetime) -> tuple[str, datetime | None]:
     """State by the end and by what somebody did last, and when that was."""
-    if action is None:
-        return ("raised" if ended_at is None else "ended"), None
-    state, acted_at = action.action, moment(action.at, "at")
-    if state == "shelved" and action.until is not None and moment(action.until, "until") <= at:
-        state = "raised"
-    if ended_at is not None and state != "closed":
-        state = "ended"
-    return state, acted_at
+    acted_at = None if action is None else moment(action.at, "at")
+    return state_by(action, None if ended_at is None else "ended", at), acted_at

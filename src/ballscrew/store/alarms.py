@@ -63,6 +63,33 @@ def alarm_over_at(session: Session, alarm: AlarmRow) -> str | None:
     return session.scalar(later.limit(1))
 
 
+def state_by(action: AlarmAction | None, end: str | None, at: datetime) -> str:
+    """State of an alarm or a trouble.
+
+    Parameters
+    ----------
+    action : AlarmAction or None
+        What somebody did last.
+    end : str or None
+        State by itself, if it does not stand: ended or retracted.
+    at : datetime
+        The present time.
+
+    Returns
+    -------
+    str
+        raised, acknowledged, shelved, closed, ended or retracted: what was closed stays closed.
+    """
+    state = "raised" if action is None else action.action
+    if state == "closed":
+        return state
+    if end is not None:
+        return end
+    if action is not None and state == "shelved" and moment(action.until, "until") <= at:
+        return "raised"
+    return state
+
+
 def to_close(standing: Sequence[dict[str, Any]], state: str) -> list[str]:
     """Sentence on each alarm that stands on an axis whose state asks for nothing.
 
@@ -101,13 +128,15 @@ def _documents(
     found = []
     for alarm, name in session.execute(alarms):
         document = _text_document(f"alarm-{alarm.id}", name, "axis", "Loss of preload.")
-        document |= _state_document(alarm, alarm.retracted_at, "retracted", actions)
-        if document["state"] not in ENDED and (over := alarm_over_at(session, alarm)) is not None:
-            document |= {"state": "ended", "ended_at": over}
-        found.append(document)
+        acts = actions.get(document["id"], [])
+        ended_at, end = alarm.retracted_at, "retracted"
+        if ended_at is None:
+            ended_at, end = alarm_over_at(session, alarm), "ended"
+        found.append(document | _state_document(alarm, ended_at, end, acts))
     for trouble, name in session.execute(troubles):
-        common = _text_document(f"trouble-{trouble.id}", name, trouble.kind, trouble.text)
-        found.append(common | _state_document(trouble, trouble.ended_at, "ended", actions, common["id"]))
+        document = _text_document(f"trouble-{trouble.id}", name, trouble.kind, trouble.text)
+        acts = actions.get(document["id"], [])
+        found.append(document | _state_document(trouble, trouble.ended_at, "ended", acts))
     return sorted(found, key=lambda each: str(each["raised_at"]), reverse=True)
 
 
@@ -118,21 +147,12 @@ def _text_document(name: str, axis: str, kind: str, text: str) -> dict[str, Any]
 
 
 def _state_document(
-    row: AlarmRow | Trouble,
-    ended_at: str | None,
-    end: str,
-    actions: dict[str, list[AlarmAction]],
-    name: str | None = None,
+    row: AlarmRow | Trouble, ended_at: str | None, end: str, taken: Sequence[AlarmAction]
 ) -> dict[str, Any]:
     """State of an alarm by its end and by what people did."""
-    taken = actions.get(name or f"alarm-{row.id}", [])
-    state = taken[-1].action if taken else "raised"
-    if state == "shelved" and moment(taken[-1].until, "until") <= datetime.now(UTC):
-        state = "raised"
-    if ended_at is not None:
-        state = end
+    last = taken[-1] if taken else None
     return {
-        "state": state,
+        "state": state_by(last, None if ended_at is None else end, datetime.now(UTC)),
         "began_at": row.began_at,
         "raised_at": row.raised_at,
         "ended_at": ended_at,
