@@ -73,6 +73,11 @@ _DEFAULT_EVIDENCE = {
     "sensor": (_UNCLEAR, "a displaced accelerometer causes a step"),
     "controller": (_AGAINST, "the natural frequency does not depend on the gains of the servo"),
 }
+_BY_CELLS = {
+    "controller": "the cells changed as if the zero of the axis had moved",
+    "temperature": "the cells changed as at another temperature than the stated one",
+}
+"""Evidence for a cause whose probability by the cells exceeds that of :data:`_OTHERS`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +163,11 @@ def history_causes(
     evidence_of = {row.reading.run: evidence_of_nut(row, good, chart, settings) for row in good[-_NEWEST:]}
     newest = [assessed for assessed in newest if assessed.run.id != reference.id]
     of_nut = [evidence_of[assessed.run.id] for assessed in newest]
-    evidence = _Evidence(_probabilities_by_cells(newest, of_nut, reference, model, settings))
+    probabilities = _probabilities_by_cells(newest, of_nut, reference, model, settings)
+    evidence = _Evidence(probabilities)
+    for name, sentence in _BY_CELLS.items():
+        if probabilities[name] > 2 * _OTHERS[name]:
+            evidence.note(name, _FOR, sentence)
     _add_trend(evidence, chart)
     _add_friction(evidence, good, chart)
     _add_mass(evidence, good, chart)

@@ -168,7 +168,7 @@ def _other_cause(state: HealthState) -> tuple[str, ...]:
     """Cause to check first, unless it is or may be the nut."""
     if not state.causes or state.causes[0].cause in ("nut", "both", UNDECIDED):
         return ()
-    return (f"The most likely cause is not the nut but {state.causes[0].cause}: check that first.",)
+    return (f"The most likely cause is not the nut but the {state.causes[0].cause}: check that first.",)
 
 
 def _alarm(state: HealthState) -> tuple[str, ...]:
@@ -201,6 +201,8 @@ def _life(monitored: Monitored) -> Iterator[str]:
         return
     if middle == 0:
         yield "; the end of life has been reached"
+    elif low < 0.5 and middle is not None:
+        yield f"; the end of life may have been reached (about {middle:.0f} days remain)"
     elif state.assessed is not None and state.assessed.stiffness is not None:
         if middle is None:
             yield f"; at least {low:.0f} days of life remain, the latest end is open"

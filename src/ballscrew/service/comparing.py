@@ -155,5 +155,5 @@ def _moved_most(cells: list[dict[str, Any]]) -> int | None:
     certain = [cell for cell in changed if cell["differs"]]
     if not changed:
         return None
-    moved = max(certain or changed, key=lambda cell: abs(cell["change_Hz"]) / cell["frequency_Hz"])
+    moved = max(certain or changed, key=lambda cell: abs(cell["change_Hz"]) / cell["other_frequency_Hz"])
     return int(moved["cell"])

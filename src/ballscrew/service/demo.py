@@ -35,6 +35,7 @@ from ballscrew.service.uploads import store_file
 from ballscrew.service.working import AssessmentTask, do_task, finish
 from ballscrew.store.adding import reader_of
 from ballscrew.store.alarms import alarm_documents
+from ballscrew.store.findings import CONFIRMED
 from ballscrew.store.folder import DataFolder, at_time, now
 from ballscrew.store.opened import OpenStore, create_store
 from ballscrew.store.reading import find_axis
@@ -159,6 +160,7 @@ def make_plant(
                 assessments.append((lease, pool.submit(do_task, task)))
             progress(len(histories), len(axes), history.axis.name)
         plant.send_others(histories)  # while the processes assess
+        plant.watch(histories)
         for lease, future in assessments:
             progress(len(axes), len(axes), f"assessing {lease.argument}")
             finish(service, lease, *future.result())
@@ -232,9 +234,6 @@ class _Plant:
         for weeks, kind, text in axis.story:
             at = axis.measured_at(0, self.present) + timedelta(weeks=weeks)
             deeds.append((at, partial(self._act, axis, kind, text, at)))
-        silent = self._received_at(axis, axis.last) + _PERIOD + _GRACE + timedelta(minutes=1)
-        if silent < self.present:
-            deeds.append((silent, partial(watch_for_silence, self.service, silent)))
         return deeds
 
     def _received_at(self, axis: PlantAxis, week: int) -> datetime:
@@ -262,7 +261,8 @@ class _Plant:
         with self.service.store.read() as session:
             found = [each for each in alarm_documents(session) if each["axis"] == axis.name]
         if found:
-            action = Action.model_validate({"action": kind, "text": text})
+            finding = CONFIRMED if kind == "close" else None
+            action = Action.model_validate({"action": kind, "text": text, "finding": finding})
             act(found[0]["id"], action, _CALLER, self.service)
 
     def _send(self, axis: PlantAxis, week: int, path: Path, run: Run | None = None) -> None:
@@ -291,7 +291,17 @@ class _Plant:
                 if week not in history.runs:
                     others.append((week, history.axis.name, history.axis, path))
         for week, _, axis, path in sorted(others, key=lambda each: each[:2]):
-            self._send(axis, week, path)
+            with at_time(self._received_at(axis, week)):
+                self._send(axis, week, path)
+
+    def watch(self, histories: Sequence[AxisHistory]) -> None:
+        """Raise what a server would have raised on axes whose tests ended."""
+        for history in histories:
+            silent = self._received_at(history.axis, history.axis.last) + _PERIOD + _GRACE
+            silent += timedelta(minutes=1)
+            if silent < self.present:
+                with at_time(silent):
+                    watch_for_silence(self.service, silent)
 
     def _add_runs(self, axis: PlantAxis, runs: Sequence[tuple[datetime, int, Run]]) -> None:
         """Add imitated tests, as those that were analysed at the machine, in one transaction."""

@@ -127,7 +127,7 @@ def _documents(
         actions.setdefault(subject, []).append(action)
     found = []
     for alarm, name in session.execute(alarms):
-        document = _text_document(f"alarm-{alarm.id}", name, "axis", "Loss of preload.")
+        document = _text_document(f"alarm-{alarm.id}", name, "axis", "Loss of stiffness.")
         acts = actions.get(document["id"], [])
         ended_at, end = alarm.retracted_at, "retracted"
         if ended_at is None:

@@ -79,7 +79,7 @@ def test_what_to_do_stands_before_why_and_before_the_charts(client: TestClient) 
     ]
     places = [text.index(each) for each in (*order, "Events</h2>", "Runs (14)<")]
     assert places == sorted(places)
-    assert "Loss of preload." in text
+    assert "Loss of stiffness." in text
     assert text.count('class="lamp alarm large"') == 1
 
 
