@@ -1,10 +1,10 @@
 """The service as a process: how fast it is, and what kills of its processes leave.
 
 ``python -m benchmarks.service --uploads 40`` measures uploads of 25 MB, ``--verdicts 3`` the time to
-``/readyz`` and from an upload to its verdict (with ``BALLSCREW_DATA``), ``--burst 100`` ten senders, and
-``--kills 100`` kills the server or a worker at random moments while two senders send: nothing that was
-acknowledged may be lost or doubled. In all but ``--verdicts`` the analysis is one that takes ``--analysis``
-seconds and no processor time.
+``/readyz`` and from an upload to its verdict (with ``BALLSCREW_DATA``), ``--burst 100`` ten senders,
+``--steady 30`` the memory over 30 minutes of runs and page views, and ``--kills 100`` kills the server or a
+worker at random moments while two senders send: nothing that was acknowledged may be lost or doubled. In all
+but ``--verdicts`` the analysis is one that takes ``--analysis`` seconds and no processor time.
 """
 
 from __future__ import annotations
@@ -111,6 +111,14 @@ class Process:
 
     def kill_worker(self, chance: random.Random) -> bool:
         """Kill one of its workers; whether there was one."""
+        found = self.workers()
+        if found:
+            with suppress(OSError):
+                os.kill(chance.choice(found), signal.SIGKILL)
+        return bool(found)
+
+    def workers(self) -> list[int]:
+        """Numbers of the processes of its workers."""
         assert self.process is not None
         found = []
         for path in Path("/proc").glob("[0-9]*"):
@@ -120,10 +128,16 @@ class Process:
                 )
                 if is_child and b"spawn_main" in path.joinpath("cmdline").read_bytes():
                     found.append(int(path.name))
-        if found:
-            with suppress(OSError):
-                os.kill(chance.choice(found), signal.SIGKILL)
-        return bool(found)
+        return found
+
+    def memory(self) -> tuple[float, float]:
+        """Resident memory of the server, and of all its workers, MB."""
+        assert self.process is not None
+        sizes = []
+        for number in (self.process.pid, *self.workers()):
+            pages = Path(f"/proc/{number}/statm").read_text().split()[1]
+            sizes.append(int(pages) * os.sysconf("SC_PAGE_SIZE") / 1e6)
+        return sizes[0], sum(sizes[1:])
 
     def stop(self) -> int:
         """Stop it; its exit status."""
@@ -276,6 +290,33 @@ def measure_burst(folder: Path, port: int, runs: int, senders: int, analysis: fl
           f"{acknowledged:.1f}, {done:.1f} s; none lost, none doubled |")  # fmt: skip
 
 
+def measure_steady(folder: Path, port: int, minutes: float, analysis: float) -> None:
+    """Print the memory while a run is sent, and three pages are shown, every second."""
+    process = Process(folder, port, analysis)
+    sizes: list[tuple[float, float]] = []
+    latencies = []
+    with serving(process) as client:
+        begin, number = time.monotonic(), 0
+        while time.monotonic() < begin + 60 * minutes:
+            start = time.monotonic()
+            send_until_acknowledged(process.url, number)
+            latencies.append(time.monotonic() - start)
+            for path in ("/", "/axes/axis", "/api/v1/axes"):
+                client.get(path).raise_for_status()
+            number += 1
+            if time.monotonic() - begin > 60 * len(sizes):
+                sizes.append(process.memory())
+            time.sleep(max(0.0, begin + number - time.monotonic()))
+        sizes.append(process.memory())
+        wait_for_verdicts(process.url)
+    for place in sorted({0, min(5, len(sizes) - 1), len(sizes) // 2, len(sizes) - 1}):
+        server, workers = sizes[place]
+        print(f"| memory after {place} min of a run a second: server, workers | "
+              f"{server:.0f}, {workers:.0f} MB |")  # fmt: skip
+    print(f"| {number} runs: upload to acknowledgement p50, p99 | "
+          f"{np.quantile(latencies, 0.5):.3f}, {np.quantile(latencies, 0.99):.3f} s |")  # fmt: skip
+
+
 def kill_all(folder: Path, port: int, kills: int, analysis: float, seed: int) -> None:
     """Kill server and workers while runs are sent, and check the promises after each kill of a server."""
     chance = random.Random(seed)  # noqa: S311
@@ -337,6 +378,7 @@ def main() -> None:
     parser.add_argument("--verdicts", type=int, default=0)
     parser.add_argument("--burst", type=int, default=0, help="runs")
     parser.add_argument("--senders", type=int, default=10)
+    parser.add_argument("--steady", type=float, default=0, help="minutes")
     parser.add_argument("--kills", type=int, default=0)
     parser.add_argument("--analysis", type=float, default=0.2)
     parser.add_argument("--seed", type=int, default=0)
@@ -353,6 +395,8 @@ def main() -> None:
             measure_verdict(folder / "verdicts", given.port, bench, given.verdicts)
         if given.burst:
             measure_burst(folder / "burst", given.port, given.burst, given.senders, given.analysis)
+        if given.steady:
+            measure_steady(folder / "steady", given.port, given.steady, given.analysis)
         if given.kills:
             kill_all(folder / "kills", given.port, given.kills, given.analysis, given.seed)
 

@@ -16,6 +16,7 @@ from ballscrew.cli import shell
 from ballscrew.service.server import check
 from ballscrew.service.serving import Service
 from ballscrew.service.settings import ServerSettings
+from ballscrew.service.tokens import create_token, revoke_token
 from ballscrew.service.users import (
     add_user,
     address_of_server,
@@ -25,6 +26,7 @@ from ballscrew.service.users import (
     new_link,
 )
 from ballscrew.store.folder import DataFolder
+from ballscrew.store.store import Store
 from ballscrew.store.tables import Audit
 
 
@@ -153,3 +155,24 @@ def test_the_settings_of_sessions_are_checked(tmp_path: Path) -> None:
     for wrong in ({"session_idle_h": 0}, {"session_days": 366}):
         with pytest.raises(InputError, match="session_"):
             check(tmp_path, **wrong)  # type: ignore[arg-type]
+
+
+def test_users_tokens_and_sessions_are_in_a_backup(new_service: NewService, tmp_path: Path) -> None:
+    """On another computer: the same password, token and cookie are valid, and a revoked token is not."""
+    service = new_service(host="0.0.0.0", allow_plain_http=True)  # noqa: S104
+    browser = signed_in(service, "anna", "maintainer")
+    number, revoked = create_token(service.store, None, role="viewer", name="old")
+    _, token = create_token(service.store, None, role="viewer", name="dashboard")
+    revoke_token(service.store, number)
+    Store.restore(Store(service.store.path).backup(tmp_path / "backup"), tmp_path / "elsewhere")
+    other = new_service(tmp_path / "elsewhere", host="0.0.0.0", allow_plain_http=True)  # noqa: S104
+    assert list_users(other.store) == list_users(service.store)
+    with anonymous(other, cookies=browser.cookies) as client:
+        assert client.get("/").status_code == 200
+        client.cookies.clear()
+        statuses = []
+        for text in (token, revoked):
+            answer = client.get("/api/v1/axes", headers={"Authorization": f"Bearer {text}"})
+            statuses.append(answer.status_code)
+        assert statuses == [200, 401]
+    assert signed_in(other, "anna").get("/").status_code == 200
