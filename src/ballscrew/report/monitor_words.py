@@ -201,12 +201,16 @@ def _life(monitored: Monitored) -> Iterator[str]:
         return
     if middle == 0:
         yield "; the end of life has been reached"
-    elif low < 0.5 and middle is not None:
-        yield f"; the end of life may have been reached (about {middle:.0f} days remain)"
     elif state.assessed is not None and state.assessed.stiffness is not None:
-        if middle is None:
-            yield f"; at least {low:.0f} days of life remain, the latest end is open"
-        elif high is None or not math.isfinite(high):
-            yield f"; at least {low:.0f} days of life remain (about {middle:.0f})"
-        else:
-            yield f"; at least {low:.0f} days of life remain (about {middle:.0f}, at most {high:.0f})"
+        yield _remaining(low, middle, high)
+
+
+def _remaining(low: float, middle: float | None, high: float | None) -> str:
+    """Quantiles of the remaining life, in days; None where they are open."""
+    if middle is None:
+        return f"; at least {low:.0f} days of life remain, the latest end is open"
+    if round(low) == 0:
+        return f"; the end of life may have been reached (about {middle:.0f} days remain)"
+    if high is None or not math.isfinite(high):
+        return f"; at least {low:.0f} days of life remain (about {middle:.0f})"
+    return f"; at least {low:.0f} days of life remain (about {middle:.0f}, at most {high:.0f})"

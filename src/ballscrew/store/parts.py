@@ -30,16 +30,9 @@ def exclude_parts(session: Session, axis: Axis, run: RunRow, by: str) -> None:
     by : str
         Who sent it.
     """
-    others = _sharing(session, run)
-    if not others:
-        return
-    counting = {row.id for row in current_rows(session, axis)}
-    if run.id not in counting:
-        return
     excluded = []
-    for other in others:
-        if other.id in counting and other.mass_kg == run.mass_kg:
-            excluded += _excluded_of(session, run, other)
+    for other in _sharing(session, axis, run):
+        excluded += _excluded_of(session, run, other)
     itself = [each for each in excluded if each[0] is run]
     for row, reason in itself[:1] or excluded:
         insert_exclusion(session, row, reason, by)
@@ -99,12 +92,18 @@ def _newest(session: Session, row: RunRow) -> RunRow:
     return find_run(session, newest_version(session, row))
 
 
-def _sharing(session: Session, run: RunRow) -> list[RunRow]:
-    """Other runs of the axis with a recording of a run."""
+def _sharing(session: Session, axis: Axis, run: RunRow) -> list[RunRow]:
+    """Other runs of the axis with its load and a recording of a run; none unless both count."""
     recordings = select(RecordingRow.sha256).where(RecordingRow.run_id == run.id)
     others = select(RecordingRow.run_id).where(RecordingRow.sha256.in_(recordings))
-    found = select(RunRow).where(RunRow.id.in_(others), RunRow.axis_id == run.axis_id, RunRow.id != run.id)
-    return list(session.scalars(found.order_by(RunRow.id)))
+    found = select(RunRow).where(RunRow.id.in_(others), RunRow.axis_id == axis.id, RunRow.id != run.id)
+    sharing = session.scalars(found.order_by(RunRow.id)).all()
+    if not sharing:
+        return []
+    counting = {row.id for row in current_rows(session, axis)}
+    if run.id not in counting:
+        return []
+    return [row for row in sharing if row.id in counting and row.mass_kg == run.mass_kg]
 
 
 def _excluded_of(session: Session, first: RunRow, second: RunRow) -> list[tuple[RunRow, str]]:
