@@ -2,9 +2,10 @@
 
 ``python -m benchmarks.service --uploads 40`` measures uploads of 25 MB, ``--verdicts 3`` the time to
 ``/readyz`` and from an upload to its verdict (with ``BALLSCREW_DATA``), ``--burst 100`` ten senders,
-``--steady 30`` the memory over 30 minutes of runs and page views, and ``--kills 100`` kills the server or a
-worker at random moments while two senders send: nothing that was acknowledged may be lost or doubled. In all
-but ``--verdicts`` the analysis is one that takes ``--analysis`` seconds and no processor time.
+``--steady 30`` the memory over 30 minutes of runs and page views, and ``--kills 100`` kills the server, a
+worker or a sender, or stops a worker, at random moments while three senders send: nothing that was
+acknowledged may be lost or doubled. In all but ``--verdicts`` the analysis is one that takes ``--analysis``
+seconds and no processor time.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime, timedelta
 from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -41,18 +43,19 @@ _SHEET = AXIS.replace('"bench"', '"axis"')
 _CHANNELS = '[[channel]]\nsource = "a"\nquantity = "torque"\nunit = "N m"\n'
 _ANALYSIS = "BALLSCREW_BENCHMARK_ANALYSIS"
 _PATIENCE = 600.0  # s
+_LEASE = 5.0  # s
 
 
 def imitated_work(pipe: Connection, scratch: str) -> None:
     """Main function of a worker whose analyses take a stated time."""
     from ballscrew.service.working import work
+    from ballscrew.store import analysing
 
     def examine(*arguments: Any, **options: Any) -> Any:
         time.sleep(float(os.environ[_ANALYSIS]))
-        return imitate(*arguments, **options)
+        return store_kills.imitate_analysis(*arguments, **options)
 
-    imitate = store_kills.imitate_analysis
-    store_kills.analyze.examine = examine  # type: ignore[attr-defined]
+    setattr(analysing, "examine", examine)  # noqa: B010  mypy
     work(pipe, scratch)
 
 
@@ -61,7 +64,7 @@ def serve_imitated(folder: str, port: int) -> None:
     from ballscrew.service import server, working
 
     setattr(server, "Worker", partial(working.Worker, target=imitated_work))  # noqa: B010  mypy
-    server.serve(folder, port=port, workers=2, back_off_s=0.2, attempts=1000)
+    server.serve(folder, port=port, workers=2, back_off_s=0.2, attempts=1000, lease_s=_LEASE)
 
 
 class Process:
@@ -109,12 +112,12 @@ class Process:
         self.process.kill()
         self.process.wait()
 
-    def kill_worker(self, chance: random.Random) -> bool:
-        """Kill one of its workers; whether there was one."""
+    def signal_worker(self, chance: random.Random, number: signal.Signals) -> bool:
+        """Kill or stop one of its workers; whether there was one."""
         found = self.workers()
         if found:
             with suppress(OSError):
-                os.kill(chance.choice(found), signal.SIGKILL)
+                os.kill(chance.choice(found), number)
         return bool(found)
 
     def workers(self) -> list[int]:
@@ -178,13 +181,41 @@ def send(client: httpx.Client, key: str, contents: dict[str, bytes], number: int
     """Send a run once."""
     url = f"/api/v1/axes/axis/runs/{key}"
     files = []
+    text = run_toml(contents, number)
     for name, content in contents.items():
         sha256 = hashlib.sha256(content).hexdigest()
         client.put(f"{url}/files/{sha256}", content=content).raise_for_status()
         files.append({"name": name, "sha256": sha256})
-    time_of = f"2026-01-01T00:{number // 60 % 60:02d}:{number % 60:02d}+00:00"
-    text = f'channels = "c.toml"\nload = "100 kg"\nmeasured_at = "{time_of}"\nfiles = {list(contents)}\n'
     return client.post(f"{url}/complete", json={"files": files, "run_toml": text})
+
+
+def run_toml(contents: dict[str, bytes], number: int) -> str:
+    """RUN.toml of a run."""
+    time_of = (datetime(2026, 1, 1, tzinfo=UTC) + timedelta(seconds=number)).isoformat()
+    return f'channels = "c.toml"\nload = "100 kg"\nmeasured_at = "{time_of}"\nfiles = {list(contents)}\n'
+
+
+def send_with_kills(url: str, folder: Path, number: int, chance: random.Random) -> int:
+    """Send a run by ``ballscrew send``, which is killed at random moments; number of kills."""
+    run, kills = folder / f"run{number}", 0
+    run.mkdir(parents=True)
+    contents = contents_of(number)
+    for name, content in contents.items():
+        run.joinpath(name).write_bytes(content)
+    run.joinpath("RUN.toml").write_text(run_toml(contents, number), encoding="utf-8")
+    command = [sys.executable, "-m", "ballscrew", "send", str(run / "RUN.toml"), "--to", url]
+    command += ["--axis", "axis", "--run", f"run{number}", "--spool", str(folder / "spool")]
+    while True:
+        sender = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # noqa: S603
+        try:
+            status = sender.wait(chance.uniform(0.5, 5.0))
+        except subprocess.TimeoutExpired:
+            sender.kill()
+            sender.wait()
+            kills += 1
+            continue
+        if status == 0:
+            return kills
 
 
 def send_until_acknowledged(url: str, number: int, key: str | None = None) -> str:
@@ -196,6 +227,21 @@ def send_until_acknowledged(url: str, number: int, key: str | None = None) -> st
                 return str(answer.json()["id"])
             assert answer.status_code >= 500 or answer.status_code == 429, answer.text
         time.sleep(0.05)
+
+
+def content_of(url: str, key: str) -> str:
+    """Content id of a run that was sent under a key."""
+    found: list[str] = []
+
+    def is_answered() -> bool:
+        sent = client.get("/api/v1/axes/axis/runs").raise_for_status().json()["sent"]
+        found[:] = [each["id"] for each in sent if each["run"] == key]
+        return True
+
+    with httpx.Client(base_url=url, timeout=30) as client:
+        wait_for(is_answered)
+    assert len(found) == 1, f"{key} is lost or doubled"
+    return found[0]
 
 
 def wait_for_verdicts(url: str) -> None:
@@ -309,6 +355,7 @@ def measure_steady(folder: Path, port: int, minutes: float, analysis: float) -> 
             time.sleep(max(0.0, begin + number - time.monotonic()))
         sizes.append(process.memory())
         wait_for_verdicts(process.url)
+    check(folder, {})
     for place in sorted({0, min(5, len(sizes) - 1), len(sizes) // 2, len(sizes) - 1}):
         server, workers = sizes[place]
         print(f"| memory after {place} min of a run a second: server, workers | "
@@ -335,14 +382,27 @@ def kill_all(folder: Path, port: int, kills: int, analysis: float, seed: int) ->
                 assert twin == identity
             number += 2
 
+    def send_by_command() -> None:
+        number, moments = 1_000_000, random.Random(seed)  # noqa: S311
+        while not stop.is_set():
+            outcomes["sender"] += send_with_kills(process.url, folder.parent / "senders", number, moments)
+            with lock:
+                acknowledged[f"run{number}"] = content_of(process.url, f"run{number}")
+            number += 1
+
     with serving(process):
-        with ThreadPoolExecutor(2) as pool:
+        with ThreadPoolExecutor(3) as pool:
             senders = [pool.submit(send_on, first) for first in range(2)]
+            senders.append(pool.submit(send_by_command))
             try:
                 while sum(outcomes.values()) < kills:
                     time.sleep(chance.uniform(0.0, 1.5))
-                    if chance.random() < 0.5:
-                        outcomes["worker"] += process.kill_worker(chance)
+                    fault = chance.choice(("server", "worker", "stopped worker"))
+                    if fault == "worker":
+                        outcomes[fault] += process.signal_worker(chance, signal.SIGKILL)
+                        continue
+                    if fault == "stopped worker":  # past its lease
+                        outcomes[fault] += process.signal_worker(chance, signal.SIGSTOP)
                         continue
                     process.kill()
                     outcomes["server"] += 1
