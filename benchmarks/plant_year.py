@@ -179,7 +179,7 @@ class Year:
         with at_time(at):
             watch_for_silence(self.service, at)
         plan_messages(self.service, at)
-        send_messages(self.service, at)
+        send_messages(self.service, lambda: at)
         for alarm in self.call(at, "GET", "/api/v1/alarms")["alarms"]:
             if (
                 alarm["kind"] == "axis"

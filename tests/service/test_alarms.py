@@ -33,7 +33,7 @@ from ballscrew.report.monitor_words import NOTHING
 from ballscrew.report.what_to_do import OLD
 from ballscrew.service.alarms import watch_for_silence
 from ballscrew.service.jobs import lease_job
-from ballscrew.service.planning import planned_messages
+from ballscrew.service.planning import planned_messages, unclosed_alarms
 from ballscrew.service.serving import Service
 from ballscrew.service.working import finish
 from ballscrew.store.adding import add_run
@@ -325,11 +325,15 @@ def test_an_alarm_is_over_once_a_later_run_of_its_epoch_is_normal(
     client.put("/api/v1/axes/bench/model", json=model_json(MODEL))
     send_runs(client, service, CHANGED[:10])
     assert [(each["state"], each["ended_at"]) for each in alarms(client)] == [("raised", None)]
+    with service.store.read() as session:
+        assert [name for _, name in unclosed_alarms(session)] == [alarms(client)[0]["id"]]
     send_runs(client, service, CHANGED[10:])
     (alarm,) = alarms(client)
     state = client.get("/api/v1/axes/bench").json()
     normal = [run["measured_at"] for run in state["runs"][8:] if run["state"] == "normal"]
     assert (state["state"], alarm["state"], alarm["ended_at"]) == ("normal", "ended", normal[0])
+    with service.store.read() as session:
+        assert list(unclosed_alarms(session)) == []
     assert [each["text"] for each in state["to_do"]] == [OLD]
     assert state["alarms"][0]["over_at"] == normal[0]
     assert client.get("/api/v1/axes/bench/trend").json()["alarms"][0]["ended_at"] == normal[0]

@@ -34,10 +34,11 @@ from tests.store.stored import MODEL, RUNS
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.service import delivering
 from ballscrew.service.delivering import plan_messages, send_messages
+from ballscrew.service.planning import unclosed_alarms
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.opened import OpenStore
-from ballscrew.store.tables import AlarmRow, Axis, Delivery, Message, Trouble
+from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, Delivery, Message, Trouble
 
 AT = datetime(2026, 3, 2, 10, tzinfo=UTC)
 TO = "anna@plant.example"
@@ -135,7 +136,7 @@ def add_message(
 
 def deliver(service: Service, at: datetime = AT) -> int:
     plan_messages(service, at)
-    return send_messages(service, at)
+    return send_messages(service, lambda: at)
 
 
 def rows(service: Service) -> list[tuple[str, str, int]]:
@@ -439,7 +440,7 @@ def test_a_recipient_that_was_removed_is_dropped(make: Made, mails: MailSink) ->
     others = ServerSettings(
         public_url="http://plant", smtp=service.settings.smtp, email=[{"to": "b@plant.example"}]
     )
-    send_messages(Service(service.store, others), AT)
+    send_messages(Service(service.store, others), lambda: AT)
     assert rows(service) == [(TO, "dropped", 0)]
     assert mails.mails == []
 
@@ -472,3 +473,23 @@ def test_without_recipients_nothing_is_planned_and_the_first_one_learns_what_sta
     assert rows(service) == []
     deliver(Service(service.store, mail_settings(tls, mails.port)), AT + timedelta(days=3))
     assert rows(service) == [(TO, "sent", 1)]
+
+
+def test_alarms_that_are_closed_or_retracted_are_planned_no_more(make: Made, hooks: HookSink) -> None:
+    service = make(hooks=hooks)
+    deliver(service)
+    later = AT + timedelta(days=1)
+    assert read_subjects(service) == {"alarm-1"}
+    with service.store.write("test") as session:
+        session.add(AlarmAction(alarm_id=1, action="closed", at=later.isoformat(), actor="anna", text="worn"))
+    assert read_subjects(service) == set()
+    raise_alarm(service, 2, at=later)
+    assert read_subjects(service) == {"alarm-2"}
+    with service.store.write("test") as session:
+        session.get_one(AlarmRow, 2).retracted_at = later.isoformat()
+    assert read_subjects(service) == set()
+
+
+def read_subjects(service: Service) -> set[str]:
+    with service.store.read() as session:
+        return {name for _, name in unclosed_alarms(session)}

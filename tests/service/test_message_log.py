@@ -64,7 +64,7 @@ def test_a_test_message_says_what_happened(client: TestClient, hooks: HookSink, 
     found = client.post("/api/v1/messages/test", json={"recipient": "cmms"}).json()
     assert (found["status"], found["error"]) == ("failed", "cmms: it answered 503.")
     assert hooks.requests[0][0]["Idempotency-Key"] != hooks.requests[1][0]["Idempotency-Key"]
-    assert send_messages(informing, datetime.now(UTC) + timedelta(days=9)) == 0
+    assert send_messages(informing, lambda: datetime.now(UTC) + timedelta(days=9)) == 0
     with informing.store.read() as session:
         actions = session.scalars(select(Audit.action)).all()
     assert actions[-2:] == ["test message", "test message"]
@@ -102,7 +102,7 @@ def test_the_log_lists_what_was_sent_waits_and_failed(
     hooks.statuses = [500]
     at = datetime.now(UTC)
     plan_messages(informing, at)
-    send_messages(informing, at)
+    send_messages(informing, lambda: at)
     found = client.get("/api/v1/messages").json()
     assert found["recipients"] == [
         {
@@ -118,7 +118,7 @@ def test_the_log_lists_what_was_sent_waits_and_failed(
     assert (message["status"], message["attempts"], message["axes"]) == ("queued", 1, ["bench"])
     assert message["error"] == "cmms: it answered 500."
     assert message["next_at"] > at.isoformat()
-    send_messages(informing, at + timedelta(minutes=1))
+    send_messages(informing, lambda: at + timedelta(minutes=1))
     found = client.get("/api/v1/messages").json()
     assert found["counts"] == {"queued": 0, "sent": 1, "failed": 0}
     with informing.store.write("test") as session:

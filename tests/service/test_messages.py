@@ -310,6 +310,19 @@ def test_a_new_alarm_after_one_that_was_closed_is_reported_and_no_retraction_of_
     assert plant.log() == ["raised", "raised"]
 
 
+def test_a_closed_alarm_that_moved_by_a_late_run_sends_no_retraction() -> None:
+    plant = Plant()
+    plant.change("alarm-1", "raised")
+    plant.plan(0)
+    plant.change("alarm-1", "retracted")  # a late run: it began earlier
+    plant.change("alarm-2", "raised")
+    plant.plan(1)
+    plant.act("alarm-2", "closed")
+    for hour in (2, 30, 60):
+        plant.plan(hour)
+    assert plant.log() == ["raised"]
+
+
 def test_who_was_not_informed_of_an_alarm_is_not_informed_of_its_end() -> None:
     ben = mail("ben", machines=("mill 4",))
     plant = Plant(recipients=(ben, mail("carl", machines=("mill 5",))))

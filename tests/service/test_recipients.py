@@ -100,6 +100,7 @@ def test_recipients_are_read_from_the_file(folder: Path) -> None:
         ("/hook/", "/ho\\r\\nok/", "webhook.0.url: is no URL"),
         ("secret_file", 'secret = "hunter2"\nsecret_file', "webhook.0.secret: is not a known setting"),
         ("quiet_from = 22:00:00", 'quiet_from = "late"', "messages.quiet_from"),
+        ("quiet_from = 22:00:00", 'quiet_from = "22:00Z"', "messages.quiet_from: it must have no zone"),
         ("[messages]", "[messages]\nattempts = 0", "messages.attempts"),
     ],
 )

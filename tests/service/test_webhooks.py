@@ -17,7 +17,7 @@ from tests.service.sinks import HookSink, hook_sink, make_certificate
 
 from ballscrew.base.errors import InputError
 from ballscrew.service.recipients import WebhookRecipient
-from ballscrew.service.webhooks import DeliveryError, post_webhook, resolve
+from ballscrew.service.webhooks import DeliveryError, delivering, post_webhook, resolve
 
 AT = datetime(2026, 3, 2, 10, tzinfo=UTC)
 SECRET = "between us"  # noqa: S105
@@ -188,3 +188,21 @@ def test_without_its_secret_nothing_is_sent(
     with pytest.raises(InputError, match="the secret of the webhook cmms"):
         post(webhook(sink.url, ca_file=tls[0]))
     assert sink.requests == []
+
+
+def test_a_connection_that_is_made_after_the_limit_is_closed_too() -> None:
+    """A slow look-up, then a recipient that says nothing."""
+    ours, theirs = socket.socketpair()
+    found: list[socket.socket | None] = [None, None, None]
+
+    def socket_of() -> socket.socket | None:
+        return found.pop() if found else ours
+
+    def receive() -> None:
+        with delivering("cmms", 0.05, socket_of, ValueError):
+            if not ours.recv(1):
+                raise ConnectionResetError
+
+    with ours, theirs, pytest.raises(DeliveryError, match="no answer within"):
+        receive()
+    assert found == []

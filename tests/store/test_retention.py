@@ -115,7 +115,10 @@ def test_a_file_that_another_run_or_upload_needs_stays(store: OpenStore) -> None
         session.add(RecordingRow(run_id=rows[0].id, place=9, name="shared", sha256=shared))
         sent = {"key": "k", "sent": "s", "content": "c", "status": "queued", "stated": {}, "sender": "m"}
         files = [{"name": "a", "sha256": waiting}]
-        session.add(Upload(axis_id=rows[0].axis_id, files=files, received_at=rows[0].received_at, **sent))
+        other = Axis(name="another", runs=0)
+        session.add(other)
+        session.flush()
+        session.add(Upload(axis_id=other.id, files=files, received_at=rows[0].received_at, **sent))
     retain(store, RetentionPolicy(days=0.0, newest=0))
     stored = files_of_runs(store)
     assert [sorted(each) for each in stored[3:6]] == [[False, False], [False, True], [False, True]]

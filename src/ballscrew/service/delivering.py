@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from typing import Any
 from urllib.parse import quote
 
@@ -42,6 +43,7 @@ from ballscrew.service.recipients import EmailRecipient, Recipient, WebhookRecip
 from ballscrew.service.serving import Service
 from ballscrew.service.webhooks import post_webhook
 from ballscrew.store.explaining import find_explanation
+from ballscrew.store.histories import batched
 from ballscrew.store.lamps import add_lamps
 from ballscrew.store.reading import assessment_document, newest_runs
 from ballscrew.store.tables import (
@@ -119,8 +121,9 @@ def plan_messages(service: Service, at: datetime) -> Planned:
                     status=QUEUED, attempts=0, not_before=at.timestamp(), created_at=text,
                 )
             )  # fmt: skip
-        for row in session.scalars(select(Message).where(Message.id.in_(planned.reported))):
-            row.sent_at = text
+        for batch in batched(planned.reported):
+            for row in session.scalars(select(Message).where(Message.id.in_(batch))):
+                row.sent_at = text
     return planned
 
 
@@ -216,29 +219,29 @@ def _nut(session: Session, axis: Axis) -> list[float] | None:
     return [row.nut, row.nut_low, row.nut_high]
 
 
-def send_messages(service: Service, at: datetime) -> int:
+def send_messages(service: Service, clock: Callable[[], datetime]) -> int:
     """Send the deliveries that are due: to each recipient its oldest, until none is due.
 
     Parameters
     ----------
     service : Service
         The service.
-    at : datetime
-        The present time.
+    clock : callable
+        The present time: an attempt may take long.
 
     Returns
     -------
     int
         Number of attempts.
     """
-    attempts = 0
+    attempts, at = 0, clock()
     while not service.stopping.is_set():
         with service.store.read() as session:
             due = _due(session, at)
         if not due:
             break
         for number in due:
-            attempt(service, number, at)
+            attempt(service, number, clock())
         attempts += len(due)
     return attempts
 
@@ -393,9 +396,8 @@ def run_messages(service: Service) -> None:
         with service.work:
             known = service.changes
         try:
-            at = datetime.now(UTC)
-            plan_messages(service, at)
-            send_messages(service, at)
+            plan_messages(service, datetime.now(UTC))
+            send_messages(service, partial(datetime.now, UTC))
         except Exception:  # noqa: BLE001  it goes on, whatever it is
             _log.exception("messages")
         with service.work:

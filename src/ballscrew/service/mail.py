@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import smtplib
 import socket
+import ssl
 from contextlib import suppress
 from datetime import datetime
 from email.message import EmailMessage
@@ -13,6 +14,8 @@ from email.utils import format_datetime
 from ballscrew.base.errors import printable
 from ballscrew.service.recipients import SmtpServer
 from ballscrew.service.webhooks import delivering, trusting
+
+_READY = 220  # answer to STARTTLS
 
 
 def send_mail(
@@ -90,6 +93,22 @@ class _Client(smtplib.SMTP):
             self.sock = found
             found.do_handshake()
         return found
+
+    def starttls(self, *, context: ssl.SSLContext) -> tuple[int, bytes]:  # type: ignore[override]
+        """Begin TLS, on a socket that can be closed during the handshake."""
+        self.ehlo_or_helo_if_needed()
+        if not self.has_extn("starttls"):
+            raise smtplib.SMTPNotSupportedError("it does not offer STARTTLS")
+        code, text = self.docmd("STARTTLS")
+        if code != _READY:
+            raise smtplib.SMTPResponseException(code, text)
+        assert self.sock is not None  # noqa: S101
+        found = context.wrap_socket(self.sock, server_hostname=self._host, do_handshake_on_connect=False)
+        self.sock = found
+        found.do_handshake()
+        self.file = self.helo_resp = self.ehlo_resp = None  # what was said before does not count
+        self.esmtp_features, self.does_esmtp = {}, False
+        return code, text
 
     def leave(self) -> None:
         """Close the connection; after a message was accepted, no error of this matters."""

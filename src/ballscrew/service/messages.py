@@ -168,6 +168,10 @@ class _Topic:
     @property
     def is_known(self) -> bool:
         """Whether recipients know that it stands; what was closed by somebody begins anew."""
+        raised = [notice for notice in (*self.reports, *self.waiting) if notice.is_raised]
+        newest = self.states.get(raised[-1].subject) if raised else None
+        if newest is not None and newest.state == "closed":
+            return False
         for notice in self.reports:
             state = self.states.get(notice.subject)
             if notice.is_raised and (state is None or state.state != "closed"):
@@ -257,12 +261,14 @@ def _topics(notices: Sequence[Notice], states: Mapping[str, SubjectState]) -> li
     found: dict[tuple[str, str], list[Notice]] = {}
     for notice in sorted(notices, key=lambda each: each.id):
         found.setdefault(notice.topic, []).append(notice)
+    own: dict[tuple[str, str], dict[str, SubjectState]] = {}
+    for subject, state in states.items():
+        own.setdefault(state.topic, {})[subject] = state
     topics = []
     for name, rows in found.items():
         reports = tuple(row for row in rows if row.reported_at is not None)
         waiting = tuple(row for row in rows if row.reported_at is None)
-        own = {subject: state for subject, state in states.items() if state.topic == name}
-        topics.append(_Topic(waiting, reports, own))
+        topics.append(_Topic(waiting, reports, own.get(name, {})))
     return topics
 
 

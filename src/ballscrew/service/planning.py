@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from datetime import datetime
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from ballscrew.monitoring.epochs import moment
@@ -20,6 +20,7 @@ from ballscrew.service.messages import (
 )
 from ballscrew.service.serving import Service
 from ballscrew.store.alarms import alarm_over_at, state_by
+from ballscrew.store.histories import batched
 from ballscrew.store.tables import (
     AlarmAction,
     AlarmRow,
@@ -28,6 +29,8 @@ from ballscrew.store.tables import (
     Delivery,
     MachineRow,
     Message,
+    RunRow,
+    StateRow,
     Trouble,
 )
 
@@ -36,16 +39,49 @@ def planned_messages(session: Session, service: Service, at: datetime) -> Planne
     """Deliveries that are due and notices that wait, by the rows of the store."""
     settings = service.settings
     plan = MessagePlan(settings.recipients, settings.messages, settings.calendar.zone)
-    axes = set(session.scalars(select(Message.axis_id).where(Message.sent_at.is_(None))))
-    axes |= set(session.scalars(select(AlarmRow.axis_id).where(AlarmRow.retracted_at.is_(None))))
+    axes, subjects = set(), set()
+    waiting = select(Message.axis_id, Message.key).where(Message.sent_at.is_(None))
+    for axis, key in (*session.execute(waiting), *unclosed_alarms(session)):
+        axes.add(axis)
+        subjects.add(key.partition("/")[0])
     if not axes:
         return Planned((), (), {})
-    topics = topics_of(session, axes)
+    every = topics_of(session, axes)
+    concerned = {every[subject] for subject in subjects if subject in every}
+    topics = {subject: topic for subject, topic in every.items() if topic in concerned}
     notices = _notices(session, axes, topics)
-    keys = keys_of(plan, notices, at)
-    found = session.execute(select(Delivery.key, Delivery.status).where(Delivery.key.in_(keys)))
-    statuses = {key: status for key, status in found}  # noqa: C416  rows are no pairs to mypy
+    statuses: dict[str, str] = {}
+    for batch in batched(keys_of(plan, notices, at)):
+        found = session.execute(select(Delivery.key, Delivery.status).where(Delivery.key.in_(batch)))
+        statuses.update((key, status) for key, status in found)
     return plan_deliveries(notices, _states(session, axes, topics, at), statuses, plan, at)
+
+
+def unclosed_alarms(session: Session) -> Iterator[tuple[int, str]]:
+    """Axis and name of each alarm that may stand: not retracted, not closed, without a later normal run.
+
+    Those of years have ended: only these can become urgent or need a reminder.
+    """
+    newest = select(func.max(AlarmAction.id)).group_by(AlarmAction.alarm_id)
+    closed = select(AlarmAction.alarm_id).where(AlarmAction.id.in_(newest), AlarmAction.action == "closed")
+    began = (
+        select(func.min(RunRow.time))
+        .where(RunRow.axis_id == AlarmRow.axis_id, RunRow.measured_at == AlarmRow.began_at)
+        .scalar_subquery()
+    )
+    normal = select(StateRow.run_id).where(
+        StateRow.axis_id == AlarmRow.axis_id,
+        StateRow.epoch == AlarmRow.epoch,
+        StateRow.state == "normal",
+        StateRow.time > began,
+    )
+    found = select(AlarmRow.axis_id, AlarmRow.id).where(
+        AlarmRow.retracted_at.is_(None),
+        AlarmRow.id.not_in(closed.where(AlarmAction.alarm_id.is_not(None))),
+        ~normal.exists(),
+    )
+    for axis, number in session.execute(found):
+        yield axis, f"alarm-{number}"
 
 
 def topics_of(session: Session, axes: Iterable[int]) -> dict[str, tuple[str, str]]:
@@ -106,14 +142,18 @@ def _states(
     of_alarms = actions.where(AlarmAction.alarm_id.in_([row.id for row in alarms]))
     last = {action.alarm_id: action for action in session.scalars(of_alarms)}
     for alarm in alarms:
-        ended_at = alarm.retracted_at or alarm_over_at(session, alarm)
-        name, state = f"alarm-{alarm.id}", _state(last.get(alarm.id), ended_at, at)
-        found[name] = SubjectState(topics[name], *state, alarm.axis_id in urgent_axes)
+        name = f"alarm-{alarm.id}"
+        if name in topics:
+            ended_at = alarm.retracted_at or alarm_over_at(session, alarm)
+            state = _state(last.get(alarm.id), ended_at, at)
+            found[name] = SubjectState(topics[name], *state, alarm.axis_id in urgent_axes)
     of_troubles = actions.where(AlarmAction.trouble_id.in_([row.id for row in troubles]))
     last = {action.trouble_id: action for action in session.scalars(of_troubles)}
     for trouble in troubles:
-        name, state = f"trouble-{trouble.id}", _state(last.get(trouble.id), trouble.ended_at, at)
-        found[name] = SubjectState(topics[name], *state, False)
+        name = f"trouble-{trouble.id}"
+        if name in topics:
+            state = _state(last.get(trouble.id), trouble.ended_at, at)
+            found[name] = SubjectState(topics[name], *state, False)
     return found
 
 

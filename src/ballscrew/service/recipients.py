@@ -164,6 +164,14 @@ class MessageRules(_SettingsTable):
     timeout_s: float = Field(20.0, gt=0, le=300, description="Time that a recipient has to answer.")
     webhook_hosts: tuple[str, ...] = Field((), description="Names that webhooks may have; none for any.")
 
+    @field_validator("quiet_from", "quiet_until")
+    @classmethod
+    def _check_zone(cls, value: time | None) -> time | None:
+        """Refuse a time of another zone than that of the server."""
+        if value is not None and value.tzinfo is not None:
+            raise ValueError("it must have no zone: time_zone states it.")
+        return value
+
     def is_quiet(self, at: datetime, zone: tzinfo) -> bool:
         """Whether a time is within the quiet hours."""
         if self.quiet_from is None or self.quiet_until is None:

@@ -9,6 +9,7 @@ import ipaddress
 import socket
 import ssl
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
@@ -21,6 +22,7 @@ from ballscrew.service.recipients import WebhookRecipient
 _UNICAST, _NAT64 = ipaddress.IPv6Network("2000::/3"), ipaddress.IPv6Network("64:ff9b::/96")
 _METADATA = ipaddress.IPv6Address("fd00:ec2::254")  # of a cloud, whose IPv4 is link-local
 _PORTS = {"http": 80, "https": 443}
+_PAUSE = 0.1  # s between attempts to close a connection
 _LONGEST_REASON = 300  # characters of what a server answers
 
 Address = ipaddress.IPv4Address | ipaddress.IPv6Address
@@ -57,18 +59,20 @@ def delivering(
     DeliveryError
         If it was not accepted.
     """
-    is_late = threading.Event()
+    is_late, has_ended = threading.Event(), threading.Event()
 
     def close() -> None:
-        is_late.set()
-        found = socket_of()
-        with suppress(OSError):
-            if found is not None:
-                socket.socket.shutdown(found, socket.SHUT_RDWR)  # not that of TLS, which another thread reads
+        pause = limit
+        while not has_ended.wait(pause):
+            is_late.set()
+            pause = _PAUSE  # there may be no connection yet
+            found = socket_of()
+            with suppress(OSError):
+                if found is not None:
+                    # Not the shutdown of TLS, which another thread reads.
+                    socket.socket.shutdown(found, socket.SHUT_RDWR)
 
-    timer = threading.Timer(limit, close)
-    timer.daemon = True
-    timer.start()
+    threading.Thread(target=close, daemon=True).start()
     try:
         yield
     except (OSError, ValueError, errors) as error:
@@ -77,7 +81,7 @@ def delivering(
             reason = f"no answer within {limit:g} s"
         raise DeliveryError(f"{what}: {printable(reason)[:_LONGEST_REASON]}.") from None
     finally:
-        timer.cancel()
+        has_ended.set()
 
 
 def trusting(ca_file: Path | None) -> ssl.SSLContext:
@@ -222,19 +226,23 @@ class _Connection(http.client.HTTPConnection):
     def __init__(self, host: str, port: int, context: ssl.SSLContext | None, limit: float) -> None:
         super().__init__(host, port, timeout=limit)
         self.addresses: list[str] = []
+        self._limit = limit
         self._context = context
         if context is not None:
             self.default_port = _PORTS["https"]
 
     def connect(self) -> None:
-        """Connect to the first address that answers."""
+        """Connect to the first address that answers, all within the limit of time."""
+        deadline = time.monotonic() + self._limit
         for place, address in enumerate(self.addresses, start=1):
+            remaining = max(deadline - time.monotonic(), _PAUSE)
             try:
-                self.sock = socket.create_connection((address, self.port), self.timeout)
+                self.sock = socket.create_connection((address, self.port), remaining)
                 break
             except OSError:
-                if place == len(self.addresses):
+                if place == len(self.addresses) or time.monotonic() >= deadline:
                     raise
+        self.sock.settimeout(self._limit)
         if self._context is not None:
             self.sock = self._context.wrap_socket(
                 self.sock, server_hostname=self.host, do_handshake_on_connect=False

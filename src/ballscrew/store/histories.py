@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -23,6 +23,8 @@ from ballscrew.monitoring.epochs import Event
 from ballscrew.store.methods import UsedResult, method_events, used_results
 from ballscrew.store.reading import current_rows, find_axis, find_method, find_model, shared_recordings
 from ballscrew.store.tables import Axis, CheckpointRow, EventRow, Exclusion, Method, ResultRow, unpack
+
+Key = TypeVar("Key", int, str)
 
 _MOST_PARAMETERS = 500  # of a statement; databases have limits
 _SETTINGS = 16  # characters of a digest
@@ -196,10 +198,10 @@ def _newest_checkpoint(
     return None, 0
 
 
-def batched(numbers: Sequence[int]) -> Iterator[Sequence[int]]:
-    """As many numbers at a time as a statement may have parameters."""
-    for start in range(0, len(numbers), _MOST_PARAMETERS):
-        yield numbers[start : start + _MOST_PARAMETERS]
+def batched(values: Sequence[Key]) -> Iterator[Sequence[Key]]:
+    """As many values at a time as a statement may have parameters."""
+    for start in range(0, len(values), _MOST_PARAMETERS):
+        yield values[start : start + _MOST_PARAMETERS]
 
 
 def result_documents(session: Session, results: Sequence[int]) -> dict[int, bytes]:

@@ -124,12 +124,7 @@ def _deletable(session: Session, axis: Axis, policy: RetentionPolicy, before: da
     """Raw files of an axis that a policy does not keep."""
     if axis.assessment_id is None or axis.changed_at is not None:
         return []
-    rows = dispensable_files(session, axis, policy.newest, before)
-    waiting = select(Upload.files).where(Upload.axis_id == axis.id, Upload.status.not_in(_FINISHED))
-    needed = set()
-    for files in session.scalars(waiting):
-        needed |= {file["sha256"] for file in files or ()}
-    return [row for row in rows if row.sha256 not in needed]
+    return dispensable_files(session, axis, policy.newest, before)
 
 
 def dispensable_files(
@@ -137,8 +132,8 @@ def dispensable_files(
 ) -> list[RawFile]:
     """Raw files of an axis that are of no run whose raw files stay.
 
-    Those stay of the newest runs, of runs that a baseline was learned from, of references, and of runs at
-    which an alarm began.
+    Those stay of the newest runs, of runs that a baseline was learned from, of references, of runs at which
+    an alarm began, and of uploads that wait for their analysis, of any axis.
 
     Parameters
     ----------
@@ -174,7 +169,11 @@ def dispensable_files(
         RawFile.sha256.in_(own.where(RunRow.axis_id == axis.id)),
         RawFile.sha256.not_in(needed),
     )
-    return list(session.scalars(files.order_by(RawFile.sha256)))
+    waiting = set()
+    for sent in session.scalars(select(Upload.files).where(Upload.status.not_in(_FINISHED))):
+        waiting |= {file["sha256"] for file in sent or ()}
+    found = session.scalars(files.order_by(RawFile.sha256))
+    return [row for row in found if row.sha256 not in waiting]
 
 
 def _time(row: RunRow) -> tuple[float, str]:
