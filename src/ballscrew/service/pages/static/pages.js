@@ -272,8 +272,15 @@ const ballscrew = (() => {
     drawCharts(root);
   }
 
+  function stateZone() {
+    const place = document.getElementById("page-zone");
+    const { timeZone: zone } = clock.resolvedOptions();
+    if (!/^(Etc\/)?(UTC|GMT)$/.test(zone)) place.textContent = place.dataset.local.replace("{zone}", zone);
+  }
+
   function start() {
     startFilter();
+    stateZone();
     prepare(document);
     watchChanges();
     scheme.addEventListener("change", recolour);
