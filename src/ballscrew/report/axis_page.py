@@ -42,7 +42,7 @@ def axis_page(monitored: Monitored, names: Mapping[str, str], failures: Sequence
         f"{state.axis or 'Axis'}: preload of the ball screw",
         list(without_repeats(sentences)),
         _pictures(monitored),
-        ["measured at", "state", "stiffness as P/P₀ (95 %)", "nut (95 %)", "run"],
+        ["measured at", "state", "preload by stiffness (95 %)", "preload of the nut (95 %)", "run"],
         rows,
         conclusion=headline(monitored),
         lamp=lamp(monitored),

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from ballscrew.base.errors import printable
 from ballscrew.report.canvas import STATE_COLOURS, STATE_SIGNS, FigureBase
 
-UNKNOWN = "unknown"
-_UNKNOWN_LOOK = ("○", "#767676")
+UNKNOWN, TROUBLE = "unknown", "trouble"
+_UNKNOWN_LOOK, _TROUBLE_LOOK = ("○", "#767676"), ("▲", "#9a6700")
 _LONGEST = 60  # characters of a name
 _CUT = "…"
 _HEIGHTS = {"alarm": 1.0, "unloaded": 1.0, "watch": 0.75, "suspect": 0.3}
@@ -24,7 +24,7 @@ class StateWords:
     Parameters
     ----------
     lamp : str
-        State whose sign and colour it has; one that has none is *unknown*.
+        State whose sign and colour it has, or *trouble* with a measurement; one that has none is *unknown*.
     words : str
         The words.
     """
@@ -187,6 +187,8 @@ def look_of(state: str) -> tuple[str, str]:
     """Sign and colour of a state; those of *unknown* where it has none."""
     if state in STATE_COLOURS:
         return STATE_SIGNS[state], STATE_COLOURS[state]
+    if state == TROUBLE:
+        return _TROUBLE_LOOK
     return _UNKNOWN_LOOK
 
 

@@ -104,10 +104,10 @@ def _fleet(axes: Sequence[StoredAxis], anchors: Mapping[str, str], at: datetime)
     begin, end = _period(axes, at)
     period = f"{begin:%Y-%m-%d} to {end:%Y-%m-%d}"
     columns = (
-        TableColumn("state", 3.4), TableColumn("axis", 2.0), TableColumn("machine", 2.6),
-        TableColumn("stiffness as P/P₀ (95 %)", 2.6, right=True),
+        TableColumn("state", 3.1), TableColumn("axis", 1.9), TableColumn("machine", 2.3),
+        TableColumn("preload by stiffness (95 %)", 2.8, right=True),
         TableColumn("remaining life, days (90 %)", 1.9, right=True), TableColumn("last run", 2.65),
-        TableColumn("next run due", 2.65), TableColumn("standing alarm", 1.9),
+        TableColumn("next run due", 2.65), TableColumn("standing alarm", 2.3),
         TableColumn("measurement", 2.15), TableColumn(period, 2.3),
     )  # fmt: skip
     rows = []

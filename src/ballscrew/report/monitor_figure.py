@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
-from textwrap import fill
+from textwrap import fill, shorten
 from typing import Any
 
 import numpy as np
@@ -29,8 +29,8 @@ _MANY = 60  # runs from which on each is drawn thin
 _NEAR = 0.16  # of the history: nearer marks are written one below the other
 _LINES = 5
 _CAUSES = 5
-_INSIDE = 0.6  # probability from which on the words are in the bar
-_LETTERS = 72  # in a bar over the whole width
+_LETTERS, _MOST_LETTERS = 66, 78  # of a line over a bar; in the wider panel
+_PALE = 0.35  # opacity of a bar, over which its words are read
 _STAGES = ("preload is being lost", "preload is gone, backlash grows")
 
 
@@ -78,7 +78,7 @@ def draw_panels(
         Of its rows, relative to each other.
     """
     state = monitored.state
-    grid = figure.add_gridspec(3, 2, height_ratios=heights, width_ratios=(1, 1.6))
+    grid = figure.add_gridspec(3, 2, height_ratios=heights, width_ratios=(1, 2.2))
     preload = figure.add_subplot(grid[0, :])
     evidence = figure.add_subplot(grid[1, :], sharex=preload)
     draw_history(preload, monitored)
@@ -126,8 +126,8 @@ def draw_history(axes: Axes, monitored: Monitored) -> None:
     ):  # fmt: skip
         _forecast(axes, state, prognosis, begin)
     _marks(axes, state, top)
-    axes.set_ylabel("as P/P₀ (% of the\nepoch’s baseline)")
-    axes.set_title("Axial stiffness, 95 %; grey: nut", loc="left")
+    axes.set_ylabel("P/P₀ (% of the\nepoch’s baseline)")
+    axes.set_title("Preload by stiffness, 95 %; grey: nut", loc="left")
     axes.legend(
         ncols=7, fontsize=9, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1, handletextpad=0.3,
         columnspacing=1.1, handlelength=1.4,
@@ -304,11 +304,11 @@ def _causes(axes: Axes, state: HealthState) -> None:
     for cause in state.causes[:_CAUSES]:
         names.append(cause.cause)
         values.append(cause.probability)
-        words.append(cause.evidence.split(";")[0])
+        words.append(shorten(cause.evidence.split(";")[0], _MOST_LETTERS, placeholder=" …"))
         colours.append(canvas.REFUSED)
         if cause.probability > 0.05:
             colours[-1] = canvas.ANF
-    labelled_bars(axes, names, values, colours, words)
+    labelled_bars(axes, names, values, colours, words, _MOST_LETTERS)
 
 
 def _empty(axes: Axes, words: str) -> None:
@@ -317,9 +317,14 @@ def _empty(axes: Axes, words: str) -> None:
 
 
 def labelled_bars(
-    axes: Axes, names: Sequence[str], values: Sequence[float], colours: Sequence[str], words: Sequence[str]
+    axes: Axes,
+    names: Sequence[str],
+    values: Sequence[float],
+    colours: Sequence[str],
+    words: Sequence[str],
+    letters: int = _LETTERS,
 ) -> None:
-    """Draw probabilities as bars from top to bottom, each with its words in it or behind it.
+    """Draw probabilities as bars from top to bottom, each with its words over it.
 
     Parameters
     ----------
@@ -331,17 +336,15 @@ def labelled_bars(
         Probabilities, 0 to 1.
     colours : sequence of str
         Colour of each bar.
+    letters : int
+        Of a line; longer words are smaller, in two lines.
     """
-    axes.barh(names, values, color=colours)
+    axes.barh(names, values, color=colours, alpha=_PALE)
     axes.invert_yaxis()
     axes.set(xlim=(0, 1), xlabel="probability")
     axes.grid(visible=False, axis="y")
-    for row, (value, text) in enumerate(zip(values, words, strict=True)):
-        inside = value > _INSIDE
-        place, room, colour = value + 0.015, 1 - value, "0.25"
-        if inside:
-            place, room, colour = 0.015, value, "white"
-        lines, size = fill(text, int(_LETTERS * room)), 8.0
-        if "\n" in lines:
-            size = 6.5
-        axes.text(place, row, lines, va="center", linespacing=0.95, fontsize=size, color=colour)
+    for row, text in enumerate(words):
+        lines, size = text, 8.0
+        if len(text) > letters:
+            lines, size = fill(text, letters), 6.5
+        axes.text(0.01, row, lines, va="center", linespacing=0.95, fontsize=size, color="0.1")

@@ -11,6 +11,7 @@ from ballscrew.base.words import NONE, interval_words, life_words, percent, plur
 from ballscrew.monitoring.epochs import moment
 from ballscrew.prognosis.monitor import Monitored
 from ballscrew.report.blocks import (
+    TROUBLE,
     UNKNOWN,
     DrawnPicture,
     PageHeading,
@@ -25,10 +26,17 @@ from ballscrew.report.blocks import (
     short_name,
 )
 from ballscrew.report.canvas import FigureBase
-from ballscrew.report.stored_words import RUN_WIDTH, changes, exclusions, stored_headline, utc_minute
+from ballscrew.report.stored_words import (
+    RUN_WIDTH,
+    changes,
+    exclusions,
+    stored_headline,
+    utc_minute,
+    with_minutes,
+)
 from ballscrew.report.what_to_do import WAIT
 
-_NEWEST, _NEWEST_BRIEF = 30, 6  # runs in the table
+_NEWEST, _NEWEST_BRIEF = 26, 6  # runs in the table
 _BECAUSE = {
     "overdue": "its run is overdue",
     "old": "last run is old",
@@ -38,7 +46,8 @@ _BECAUSE = {
     "reset": "it was repaired after its newest run",
 }
 _OLD = ("overdue", "old")
-_TROUBLES = {"silence": "no run", "measurement": "bad", "assessment": "cannot be assessed"}
+_TROUBLES = {"silence": "overdue", "measurement": "bad measurement", "assessment": "cannot be assessed"}
+_DAYS_FROM = 48  # hours
 _ROWS = (2.0, 0.9, 1.3)  # heights of the rows of a picture that is less high than by itself
 _DAY = len("2026-01-31")
 _LEAST_SHOWN = 0.001  # probability of a cause
@@ -156,10 +165,13 @@ def last_words(axis: StoredAxis, at: datetime) -> str:
     if not axis.counting:
         return "no run"
     newest = axis.counting[-1]["measured_at"]
-    days = (at - moment(newest, "a run")).total_seconds() / 86400
-    if days < 0:
+    hours = (at - moment(newest, "a run")).total_seconds() / 3600
+    if hours < 0:
         return f"{utc_minute(newest)}, in the future"
-    return f"{_unbroken(utc_minute(newest))} {_unbroken(f'{days:.0f} d ago')}"
+    ago = f"{hours:.0f} h ago"
+    if hours >= _DAYS_FROM:
+        ago = f"{hours / 24:.0f} d ago"
+    return f"{_unbroken(utc_minute(newest))} {_unbroken(ago)}"
 
 
 def _unbroken(text: str) -> str:
@@ -248,24 +260,25 @@ def _conclusion(axis: StoredAxis) -> StateWords:
     because = axis.document["lamp"]["because"]
     if because is not None:
         words = f"UNKNOWN, {_BECAUSE[because]}; before: {words}"
-    return StateWords(state.lamp, words)
+    return StateWords(state.lamp, with_minutes(words))
 
 
 def _actions(axis: StoredAxis) -> list[str]:
     found = [str(each["text"]) for each in axis.document["to_do"]]
     if axis.why:
         found = [*(each for each in found if each != WAIT), axis.why]
-    return found
+    return list(map(with_minutes, found))
 
 
 def _key_numbers(axis: StoredAxis, at: datetime) -> ReportTable:
     document = axis.document
     nut = None
-    if axis.counting:
-        nut = axis.counting[-1]["nut"]
+    for run in axis.counting:
+        if run["stiffness"] is not None:
+            nut = run["nut"]
     columns = (
-        TableColumn("stiffness as P/P₀ (95 %)", 1.7, right=True),
-        TableColumn("nut as P/P₀ (95 %)", 1.7, right=True),
+        TableColumn("preload by stiffness (95 %)", 1.7, right=True),
+        TableColumn("preload of the nut (95 %)", 1.7, right=True),
         TableColumn("remaining life, days (90 %)", 1.5, right=True),
         TableColumn("last run", 1.7),
         TableColumn("next run due", 1.4),
@@ -281,17 +294,17 @@ def _key_numbers(axis: StoredAxis, at: datetime) -> ReportTable:
 def _alarms(alarms: Sequence[dict[str, Any]]) -> list[ReportBlock]:
     columns = (
         TableColumn("alarm", 1.3), TableColumn("state", 1.0), TableColumn("began", 1.2),
-        TableColumn("raised", 1.2), TableColumn("ended", 1.2), TableColumn("text", 2.4),
-        TableColumn("actions", 3.2),
+        TableColumn("raised", 1.2), TableColumn("ended", 1.2), TableColumn("text", 3.2),
+        TableColumn("actions", 2.8),
     )  # fmt: skip
     rows: list[tuple[TableCell, ...]] = []
     for each in alarms:
-        kind = StateWords("suspect", each["kind"])
+        kind = StateWords(TROUBLE, _TROUBLES.get(each["kind"], each["kind"]))
         if each["kind"] == "axis":
             kind = StateWords("alarm", "preload")
         times = [utc_minute(each[name]) for name in ("began_at", "raised_at", "ended_at")]
         actions = "; ".join(map(_action, each["actions"])) or NONE
-        rows.append((kind, each["state"], *times, each["text"], actions))
+        rows.append((kind, each["state"], *times, with_minutes(each["text"]), actions))
     return _table(columns, rows)
 
 
@@ -326,13 +339,13 @@ def _causes(axis: StoredAxis) -> list[ReportBlock]:
 def _doubts(axis: StoredAxis) -> list[str]:
     found = [f"Measurement: {each['text']}" for each in axis.troubles]
     if not axis.explained:
-        return found + [f"Suspect: {reason}" for reason in axis.document["reasons"]]
+        return [*map(with_minutes, found), *(f"Suspect: {reason}" for reason in axis.document["reasons"])]
     state = axis.explained["state"]
     found += [f"Suspect: {reason}" for reason in state["reasons"]]
     found += [f"Nut: {reason}" for reason in state["nut_reasons"]]
     if state["not_judged"]:
         found.append(f"Not judged: {state['not_judged']}")
-    return [*found, *state["notes"]]
+    return list(map(with_minutes, [*found, *state["notes"]]))
 
 
 def _events(document: dict[str, Any]) -> list[ReportBlock]:
@@ -354,7 +367,7 @@ def _epochs(epochs: Sequence[dict[str, Any]]) -> list[ReportBlock]:
         times = (begins, utc_minute(each["ends"]))
         reference = (each["reference"] or NONE)[:RUN_WIDTH]
         rows.append(
-            (str(each["number"]), *times, each["cause"] or NONE, reference, utc_minute(each["alarm_at"]))
+            (str(each["number"] + 1), *times, each["cause"] or NONE, reference, utc_minute(each["alarm_at"]))
         )
     return _table(columns, rows)
 
@@ -368,8 +381,8 @@ def _runs_title(runs: Sequence[dict[str, Any]], newest: int) -> str:
 def _runs(runs: Sequence[dict[str, Any]]) -> list[ReportBlock]:
     columns = (
         TableColumn("measured at", 1.3), TableColumn("state", 1.2), TableColumn("measurement", 0.9),
-        TableColumn("stiffness as P/P₀ (95 %)", 1.75, right=True),
-        TableColumn("nut as P/P₀ (95 %)", 1.75, right=True), TableColumn("load, kg", 0.7, right=True),
+        TableColumn("preload by stiffness (95 %)", 1.75, right=True),
+        TableColumn("preload of the nut (95 %)", 1.75, right=True), TableColumn("load, kg", 0.7, right=True),
         TableColumn("temperature, °C", 1.1, right=True), TableColumn("run", 1.2),
     )  # fmt: skip
     return _table(columns, (_run(run) for run in reversed(runs)))
@@ -418,6 +431,5 @@ def _made_rows(axis: StoredAxis) -> Iterator[tuple[str, str]]:
         if settings.get("accept"):
             words.append(f"accepted doubts {', '.join(settings['accept'])}")
         yield "settings", "; ".join(words)
-    newest = [run["run"] for run in axis.counting[-3:]]
-    if newest:
-        yield "newest runs", ", ".join(reversed(newest))
+    if axis.counting:
+        yield "newest run", axis.counting[-1]["run"]

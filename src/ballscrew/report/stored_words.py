@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Iterator
 from typing import Any
 
@@ -11,6 +12,7 @@ from ballscrew.monitoring.epochs import moment
 RUN_WIDTH = 12
 """Characters of a run's id that are printed."""
 _NOT_STATED = "none"  # before or after a correction
+_MOMENT = re.compile(r"\d{4}-\d\d-\d\dT[\d:.]+(?:Z|[+-]\d\d:\d\d)")
 
 
 def utc_minute(time: str | None) -> str:
@@ -18,6 +20,11 @@ def utc_minute(time: str | None) -> str:
     if time is None:
         return NONE
     return moment(time, "a time in the store").strftime("%Y-%m-%d %H:%M")
+
+
+def with_minutes(text: str) -> str:
+    """A sentence with its times to the minute, ``"2026-01-31 08:00 UTC"``."""
+    return _MOMENT.sub(lambda found: f"{utc_minute(found[0])} UTC", text)
 
 
 def stored_headline(document: dict[str, Any]) -> str:

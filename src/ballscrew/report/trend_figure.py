@@ -37,8 +37,8 @@ def draw_trend(axes: Axes, document: dict[str, Any]) -> None:
         axes.axvline(x, color=colour, lw=0.9, ls=":")
         offset = (4, -12 - 12 * (number % _LINES))
         canvas.note(axes, canvas.escape_dollars(words), (x, top), offset, va="baseline", colour=colour)
-    axes.set_ylabel("as P/P₀ (% of the\nepoch’s baseline)")
-    axes.set_title("Axial stiffness, 95 %", loc="left")
+    axes.set_ylabel("P/P₀ (% of the\nepoch’s baseline)")
+    axes.set_title("Preload by stiffness, 95 %", loc="left")
     axes.legend(ncols=6, fontsize=9, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1)
     few_dates(axes)
 

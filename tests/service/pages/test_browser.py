@@ -83,6 +83,9 @@ FOCUSABLE = """() => [...document.querySelectorAll(
   .filter((each) => each.type !== "radio" || each.checked)"""
 
 
+WIDER = """() => [...document.querySelectorAll(".wide")]
+  .filter((each) => each.checkVisibility() && each.scrollWidth > each.clientWidth)
+  .map((each) => each.innerText.slice(0, 60))"""
 FOCUSED = """(all) => [all.indexOf(document.activeElement),
   getComputedStyle(document.activeElement).outlineStyle]"""
 
@@ -168,6 +171,14 @@ def test_a_page_is_used_by_the_keyboard_is_accessible_and_fits(path: str, window
     assert faults(page) == []
     resize(page, "desk", "light")
     assert faults(page) == []
+
+
+def test_fleet_and_axis_are_read_without_scrolling_sideways(new_window: Any) -> None:
+    window = new_window(locale="de")
+    for path, size in (("/", "panel"), ("/", "phone"), ("/axes/bench", "phone")):
+        page = window.open(path)
+        resize(page, size, "light")
+        page.wait_for_function(f"() => !({WIDER})().length")
 
 
 def check_keyboard(page: Page) -> None:

@@ -12,7 +12,6 @@ from fastapi.responses import HTMLResponse
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from ballscrew.report.canvas import CONDITION_COLOURS
 from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.comparing import cells_document
 from ballscrew.service.pages.rendering import render
@@ -94,7 +93,7 @@ def show_signals_page(
             file, span = of_cell[0]["file"], (of_cell[0]["start_s"] - _BEFORE, of_cell[0]["stop_s"] + _AFTER)
     return render(
         request, "run_signals.html", found=found, recordings=recordings, file=file, cell=cell, span=span,
-        marks=[mark for mark in marks if mark["file"] == file], is_known=is_known, colours=CONDITION_COLOURS,
+        marks=[mark for mark in marks if mark["file"] == file], is_known=is_known,
     )  # fmt: skip
 
 

@@ -513,8 +513,7 @@
       const low = least(values);
       return { colours: SEQUENCE, low, high: Math.max(low + 0.1, most(values)), text: (value) => `${ballscrew.number(value, 1)} Hz` };
     }
-    const sizes = values.map((value) => Math.abs(value - 1)).sort((a, b) => a - b);
-    const size = Math.max(sizes[Math.floor(0.99 * (sizes.length - 1))] ?? 0, 0.002);
+    const size = Math.max(0.02, Math.ceil(200 * most(values.map((value) => Math.abs(value - 1)))) / 200);
     const colours = CHANGE.map((each) => each ?? (ballscrew.isDark() ? [52, 58, 64] : [240, 240, 240]));
     const sign = (value) => `${value > 1 ? "+" : "−"}${ballscrew.number(100 * Math.abs(value - 1), 1)} %`;
     return { colours, low: 1 - size, high: 1 + size, text: sign };

@@ -6,6 +6,7 @@ const ballscrew = (() => {
   const locale = navigator.languages.find((each) => each.startsWith(language)) ?? language;
   const clock = new Intl.DateTimeFormat(locale, { dateStyle: "medium", timeStyle: "short" });
   const calendar = new Intl.DateTimeFormat(locale, { dateStyle: "medium" });
+  const dayOfYear = new Intl.DateTimeFormat(locale, { day: "numeric", month: "short" });
   const charts = {};
 
   // As the command line rounds: half of a step, exactly, to the even digit.
@@ -31,7 +32,8 @@ const ballscrew = (() => {
       if (!Number.isNaN(at.getTime())) {
         const isDay = each.classList.contains("day");
         each.title = each.title || (isDay ? clock.format(at) : each.textContent);
-        each.textContent = (isDay ? calendar : clock).format(at);
+        const day = at.getFullYear() === new Date().getFullYear() ? dayOfYear : calendar;
+        each.textContent = (isDay ? day : clock).format(at);
       }
     }
   }
@@ -92,6 +94,12 @@ const ballscrew = (() => {
     link.download = `${table.dataset.csv}.csv`;
     link.click();
     URL.revokeObjectURL(link.href);
+  }
+
+  // On a phone the cells of a row are below each other, each with its head.
+  function labelled(root) {
+    for (const table of root.querySelectorAll("table.labelled"))
+      for (const cell of table.querySelectorAll("tbody td")) cell.dataset.head = table.tHead.rows[0].cells[cell.cellIndex].textContent.trim();
   }
 
   function exportable(root) {
@@ -191,6 +199,7 @@ const ballscrew = (() => {
 
   // A plot is as wide as its place, and in print as A4 between its margins.
   const PAPER = 700; // CSS pixels
+  const LOWER = 0.8; // height on paper relative to that on a screen
   const scheme = matchMedia("(prefers-color-scheme: dark)");
   const fits = [];
   const recolours = []; // of scripts of pages, called when the colours have changed
@@ -202,9 +211,10 @@ const ballscrew = (() => {
   const widthOf = (place) => (isPrinting ? PAPER : Math.max(place.clientWidth, 200));
 
   function fit(plot, place) {
+    const { height: high } = plot;
     const resize = () => {
-      const width = widthOf(place);
-      if (place.clientWidth && plot.width !== width) plot.setSize({ width, height: plot.height });
+      const [width, height] = [widthOf(place), isPrinting ? LOWER * high : high];
+      if (place.clientWidth && (plot.width !== width || plot.height !== height)) plot.setSize({ width, height });
     };
     new ResizeObserver(resize).observe(place);
     fits.push(resize);
@@ -256,13 +266,21 @@ const ballscrew = (() => {
   function prepare(root) {
     localTimes(root);
     sortable(root);
+    labelled(root);
     exportable(root);
     filter();
     drawCharts(root);
   }
 
+  function stateZone() {
+    const place = document.getElementById("page-zone");
+    const { timeZone: zone } = clock.resolvedOptions();
+    if (!/^(Etc\/)?(UTC|GMT)$/.test(zone)) place.textContent = place.dataset.local.replace("{zone}", zone);
+  }
+
   function start() {
     startFilter();
+    stateZone();
     prepare(document);
     watchChanges();
     scheme.addEventListener("change", recolour);

@@ -61,17 +61,16 @@
     })).sort((a, b) => a.x - b.x);
   }
 
-  function drawPoints(chart, listed, colours, pale) {
+  function drawPoints(chart, listed, then) {
     const { ctx, bbox } = chart;
     const ratio = devicePixelRatio;
     ctx.save();
     ctx.lineWidth = 1.4 * ratio;
-    ctx.globalAlpha = pale ? (ballscrew.isDark() ? 0.6 : 0.4) : 1;
     for (const point of listed) {
       const x = chart.valToPos(point.x, "x", true);
-      ctx.strokeStyle = ctx.fillStyle = colours[point.condition];
+      ctx.strokeStyle = ctx.fillStyle = then ? soft() : ballscrew.colour(point.condition);
       if (point.y === null) {
-        if (pale) continue;
+        if (then) continue;
         const [y, size] = [bbox.top + bbox.height - 6 * ratio, 4 * ratio];
         ctx.beginPath();
         ctx.moveTo(x - size, y - size); ctx.lineTo(x + size, y + size);
@@ -83,7 +82,7 @@
       ctx.moveTo(x, chart.valToPos(point.y - point.half, "y", true));
       ctx.lineTo(x, chart.valToPos(point.y + point.half, "y", true));
       ctx.stroke();
-      drawMarker(ctx, point.condition, x, chart.valToPos(point.y, "y", true), 5 * ratio, point.verdict === "good");
+      drawMarker(ctx, point.condition, x, chart.valToPos(point.y, "y", true), 5 * ratio, !then && point.verdict === "good");
     }
     ctx.restore();
   }
@@ -99,22 +98,21 @@
     chart.ctx.restore();
   }
 
-  function cellPlot(place, height, label, layers, colours, zero) {
-    const conditions = Object.keys(colours);
+  function cellPlot(place, height, label, layers, conditions, zero) {
     const listed = layers[0];
     const known = layers.flat().filter((point) => point.y !== null);
     const ends = known.flatMap((point) => [point.y - point.half, point.y + point.half]).concat(zero ? [0] : []);
     const margin = 0.06 * (Math.max(...ends) - Math.min(...ends)) || 1;
     const xs = listed.map((point) => point.x);
     const space = xs.length > 1 ? 0.03 * (xs[xs.length - 1] - xs[0]) || 5 : 5;
-    const series = conditions.map((name) => ({ label: name, stroke: colours[name], points: { show: false }, paths: () => null, value: shown, width: 2 }));
+    const series = conditions.map((name) => ({ label: name, stroke: () => ballscrew.colour(name), points: { show: false }, paths: () => null, value: shown, width: 2 }));
     const data = [xs, ...conditions.map((name) => listed.map((point) => (point.condition === name ? point.y : null)))];
     plot(place, height, {
       scales: { x: { time: false, range: () => [xs[0] - space, xs[xs.length - 1] + space] }, y: { range: () => [Math.min(...ends) - margin, Math.max(...ends) + margin] } },
       axes: [axis(wordsOf(place.closest("[data-words]")).position, { values: plainNumbers }), axis(label, { size: 64, values: plainNumbers })],
       series: [{ value: shown, label: wordsOf(place.closest("[data-words]")).position }, ...series],
       cursor: { drag: { x: false, y: false }, points: { show: false } },
-      hooks: { draw: [(chart) => { if (zero) drawZero(chart); layers.slice(1).forEach((layer) => drawPoints(chart, layer, colours, true)); drawPoints(chart, listed, colours, false); }] },
+      hooks: { draw: [(chart) => { if (zero) drawZero(chart); layers.slice(1).forEach((layer) => drawPoints(chart, layer, true)); drawPoints(chart, listed, false); }] },
     }, data);
   }
 
@@ -125,9 +123,9 @@
     if (!now.some((point) => point.y !== null)) return message(place, words.nothing);
     const layers = [now];
     if (data.against) layers.push(points(data.cells, conditions, "other_frequency_Hz", "other_uncertainty_Hz"));
-    cellPlot(add(place, "panel"), 300, words.frequency, layers, data.colours, false);
+    cellPlot(add(place, "panel"), 300, words.frequency, layers, conditions, false);
     const changed = data.cells.filter((cell) => cell.change_Hz !== null);
-    if (changed.length) cellPlot(add(place, "panel"), 200, words.change, [points(changed, conditions, "change_Hz", "change_uncertainty_Hz")], data.colours, true);
+    if (changed.length) cellPlot(add(place, "panel"), 200, words.change, [points(changed, conditions, "change_Hz", "change_uncertainty_Hz")], conditions, true);
   };
 
   // --- FRF of a cell -----------------------------------------------------------------------------------------
@@ -210,7 +208,6 @@
       this.words = wordsOf(place);
       this.channels = about.channels;
       this.marks = JSON.parse(place.dataset.marks);
-      this.colours = JSON.parse(place.dataset.colours);
       this.whole = [Math.min(...about.channels.map((each) => each.begin_s)), Math.max(...about.channels.map((each) => each.begin_s + (each.samples - 1) / each.sample_rate_Hz))];
       const query = new URLSearchParams(location.search);
       const span = JSON.parse(place.dataset.span) ?? [query.get("from"), query.get("to")].map((text) => (text === null ? NaN : Number(text)));
@@ -295,7 +292,7 @@
     shadeMarks(chart) {
       for (const mark of this.marks) {
         if (mark.stop_s < this.span[0] || mark.start_s > this.span[1]) continue;
-        shade(chart, mark.start_s, mark.stop_s, this.colours[mark.condition] ?? soft(), mark.repetition ? 0.18 : 0.07);
+        shade(chart, mark.start_s, mark.stop_s, ballscrew.colour(mark.condition) || soft(), mark.repetition ? 0.18 : 0.07);
       }
     }
 
