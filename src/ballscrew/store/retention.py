@@ -169,11 +169,16 @@ def dispensable_files(
         RawFile.sha256.in_(own.where(RunRow.axis_id == axis.id)),
         RawFile.sha256.not_in(needed),
     )
-    waiting = set()
-    for sent in session.scalars(select(Upload.files).where(Upload.status.not_in(_FINISHED))):
-        waiting |= {file["sha256"] for file in sent or ()}
-    found = session.scalars(files.order_by(RawFile.sha256))
-    return [row for row in found if row.sha256 not in waiting]
+    waiting = _waiting_files(session)
+    return [row for row in session.scalars(files.order_by(RawFile.sha256)) if row.sha256 not in waiting]
+
+
+def _waiting_files(session: Session) -> set[str]:
+    """Hashes of the files of all uploads that wait for their analysis."""
+    found = set()
+    for files in session.scalars(select(Upload.files).where(Upload.status.not_in(_FINISHED))):
+        found |= {file["sha256"] for file in files or ()}
+    return found
 
 
 def _time(row: RunRow) -> tuple[float, str]:
