@@ -10,6 +10,7 @@ import io
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -56,6 +57,8 @@ def serving(data: Path | None) -> Iterator[str]:
 def addresses(url: str) -> dict[str, str]:
     """Address of each page: of the axis with the least stiffness, and of its newest run with recordings."""
     with httpx.Client(base_url=url, timeout=60) as client:
+        while client.get("/api/v1/jobs").json()["jobs"]:  # recordings are still analysed
+            time.sleep(1.0)
         axes = client.get("/api/v1/axes").json()["axes"]
         worst = min((axis for axis in axes if axis["stiffness"]), key=lambda axis: axis["stiffness"][0])
         name = quote(worst["axis"], safe="")
