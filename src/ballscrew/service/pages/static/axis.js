@@ -17,7 +17,7 @@
 
   const element = (id) => document.getElementById(id);
   const opened = (run) => location.assign(`/runs/${encodeURIComponent(run)}`);
-  const seconds = (text) => new Date(/[zZ]|[+-]\d\d:?\d\d$/.test(text) ? text : `${text}Z`).getTime() / 1000;
+  const seconds = (text) => ballscrew.instant(text).getTime() / 1000;
   const finite = (values) => values.filter((value) => value !== null && Number.isFinite(value));
   const least = (values) => values.reduce((a, b) => Math.min(a, b), Infinity); // spread, many numbers exceed the stack
   const most = (values) => values.reduce((a, b) => Math.max(a, b), -Infinity);
