@@ -421,6 +421,28 @@ def test_the_map_of_frf_is_computed_when_it_is_opened_and_says_which_runs_are_bl
             select.select_option("5")
         page.wait_for_load_state("networkidle")
         assert [url.partition("?")[2] for url in requests if "/responses" in url] == ["cell=0", "cell=5"]
+        later = [503, 202, 202]
+
+        def answer(route: Route) -> None:
+            if "/magnitude" in route.request.url and later:
+                return route.fulfill(status=later.pop(), json={"detail": "later."})
+            if "/magnitude" in route.request.url:
+                return route.continue_()
+            found = route.fetch().json()
+            place = next(number for number, each in enumerate(found["magnitude_dB"]) if each)
+            found["magnitude_dB"][place], found["waiting"] = None, [found["run"][place]]
+            return route.fulfill(json=found)
+
+        window.expected = {503}
+        page.route(re.compile("/responses|/magnitude"), answer)
+        requests.clear()
+        with page.expect_response(lambda found: "/magnitude" in found.url and found.status == 200):
+            select.select_option("3")
+        page.wait_for_function(
+            "(text) => document.querySelector('[data-about]').textContent === text", arg=about
+        )
+        asked = [url.split("?")[0].rpartition("/")[2] for url in requests]
+        assert asked == ["responses", *4 * ["magnitude"]]
         assert faults(page) == []
         assert overflow(page) <= 0
         window.close()
