@@ -205,6 +205,7 @@ def test_every_command_prints_a_sentence(capsys: pytest.CaptureFixture[str]) -> 
         ("store simulate-fleet --years 0", "50 years at most"),
         ("store retain", "state an age (--days), or retention_days in server.toml"),
         ("store retain --days -1", "must be 0 or more"),
+        ("store retain --days 1000000", "days at most 36500"),
     ],
 )
 def test_what_is_wrong_is_a_sentence(capsys: pytest.CaptureFixture[str], command: str, sentence: str) -> None:

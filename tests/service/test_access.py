@@ -65,6 +65,10 @@ ROUTES: dict[tuple[str, str], tuple[str, tuple[int, ...]]] = {
     ("GET", "/api/v1/runs/{run}"): ("/api/v1/runs/{sent}", SENT),
     ("GET", "/api/v1/runs/{run}/document"): ("/api/v1/runs/{sent}/document", SENT),
     ("GET", "/api/v1/runs/{run}/cells"): ("/api/v1/runs/{sent}/cells", READ),
+    ("GET", "/api/v1/runs/{run}/magnitude"): (
+        "/api/v1/runs/{sent}/magnitude?low=1&high=2&position_m=0&condition=a&motion=0",
+        READ,
+    ),
     ("GET", "/api/v1/runs/{run}/response"): ("/api/v1/runs/{sent}/response", READ),
     ("GET", "/api/v1/runs/{run}/signals"): ("/api/v1/runs/{sent}/signals?file=9", READ),
     ("GET", "/api/v1/jobs"): ("/api/v1/jobs", READ),

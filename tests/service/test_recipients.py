@@ -67,6 +67,15 @@ def problems(folder: Path, text: str) -> list[str]:
     return read_settings(folder, None, {}).problems()
 
 
+def test_a_password_that_cannot_be_sent_is_refused_without_it(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SMTP_PASSWORD", "schlüssel")
+    (problem,) = problems(folder, GOOD)
+    assert "characters other than ASCII" in problem
+    assert "ü" not in problem
+
+
 def test_recipients_are_read_from_the_file(folder: Path) -> None:
     assert problems(folder, GOOD) == []
     settings = read_settings(folder, None, {})
@@ -124,6 +133,7 @@ def test_what_is_wrong_in_a_table_is_a_sentence_without_its_value(
         ('quiet_until = "06:00"', "", "both quiet_from and quiet_until"),
         ("chief@", "anna@", "anna@plant.example: is a recipient twice"),
         ('user = "ballscrew"', 'user = "ballscrew"\ntls = "none"', "a password is not sent without TLS"),
+        ('user = "ballscrew"', 'user = "kugelrollspindel-ä"', "characters other than ASCII"),
         ("SMTP_PASSWORD", "NO_SUCH", "smtp.password: the environment variable 'NO_SUCH' has no text"),
         ('password_env = "SMTP_PASSWORD"', "", "smtp.password: give the name"),
         ('password_env = "SMTP_PASSWORD"', 'ca_file = "no.pem"\npassword_env = "SMTP_PASSWORD"', "no.pem"),

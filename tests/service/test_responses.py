@@ -15,8 +15,9 @@ from tests.service.conftest import send_result
 from tests.store.stored import RUNS
 
 from ballscrew.base.errors import InputError
+from ballscrew.service import responses
 from ballscrew.service.on_demand import OnDemand
-from ballscrew.service.serving import Service
+from ballscrew.service.serving import RefusedError, Service
 
 
 @pytest.fixture
@@ -92,7 +93,7 @@ def test_the_map_has_the_magnitude_of_a_cell_of_each_run_with_raw_files(client: 
     found = client.get("/api/v1/axes/bench/responses?cell=3").json()
     cells = [(cell["position_m"], cell["condition"], cell["motion"]) for cell in found["cells"]]
     assert cells == sorted(cell.key for cell in RUNS[0].cells)
-    assert (len(found["run"]), found["stored"], found["waiting"], found["refused"]) == (2, 1, 0, 0)
+    assert (len(found["run"]), found["stored"], found["waiting"], found["refused"]) == (2, 1, [], 0)
     place = found["run"].index(client.get(f"/api/v1/runs/{run}").json()["run"]["id"])
     numbers = [cell.key for cell in RUNS[0].cells]
     number = numbers.index(cells[3])  # the magnitude of the simulated FRF
@@ -116,10 +117,11 @@ def test_the_map_computes_one_run_for_each_request_and_says_how_many_wait(
     with monkeypatch.context() as patch:
         patch.setattr(OnDemand, "find", lambda *_: None)  # longer than a request waits
         found = client.get("/api/v1/axes/bench/responses").json()
-        assert (found["waiting"], found["frequency_Hz"], set(found["magnitude_dB"])) == (1, [], {None})
-    assert client.get("/api/v1/axes/bench/responses").json()["waiting"] == 0
+        assert (found["waiting"], found["frequency_Hz"]) == (found["run"], [])
+        assert set(found["magnitude_dB"]) == {None}
+    assert client.get("/api/v1/axes/bench/responses").json()["waiting"] == []
     monkeypatch.setattr(OnDemand, "_answer", lambda *_: pytest.fail("it is cached"))
-    assert client.get("/api/v1/axes/bench/responses?cell=1").json()["waiting"] == 0
+    assert client.get("/api/v1/axes/bench/responses?cell=1").json()["waiting"] == []
     assert client.get(f"/api/v1/runs/{run}/response").status_code == 200  # by the same result
 
 
@@ -131,8 +133,38 @@ def test_a_run_that_cannot_be_analysed_is_blank_on_the_map(
 
     monkeypatch.setattr("ballscrew.store.analysing.analyse_files", refuse)
     found = client.get("/api/v1/axes/bench/responses").json()
-    assert (found["waiting"], found["refused"], found["magnitude_dB"]) == (0, 1, [None])
+    assert (found["waiting"], found["refused"], found["magnitude_dB"]) == ([], 1, [None])
     assert run
+
+
+@pytest.mark.parametrize("status", [429, 503, 507])
+def test_a_run_that_is_refused_for_a_while_waits(
+    client: TestClient, run: str, monkeypatch: pytest.MonkeyPatch, status: int
+) -> None:
+    def refuse(*_: Any) -> None:
+        raise RefusedError(status, "for a while.")
+
+    monkeypatch.setattr(OnDemand, "find", refuse)
+    found = client.get("/api/v1/axes/bench/responses").json()
+    assert (found["waiting"], found["refused"]) == (found["run"], 0)
+    assert run
+
+
+def test_a_column_of_the_map_is_asked_for_alone(
+    client: TestClient, run: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = client.get("/api/v1/axes/bench/responses?cell=3").json()
+    monkeypatch.setattr(responses, "used_columns", lambda *_, **__: pytest.fail("reads the whole axis"))
+    address = f"/api/v1/runs/{run}/magnitude"
+    lines = found["frequency_Hz"]
+    asked = {"low": lines[0], "high": lines[-1]} | found["cells"][3]
+    assert client.get(address, params=asked).json()["magnitude_dB"] == found["magnitude_dB"][0]
+    wider = client.get(address, params=asked | {"high": 1e4}).json()["magnitude_dB"]
+    assert (wider[0], wider[-1]) == (found["magnitude_dB"][0][0], None)
+    assert client.get(address, params=asked | {"motion": 99}).json()["magnitude_dB"] is None
+    assert client.get(address, params=asked | {"condition": "../x"}).status_code == 422
+    monkeypatch.setattr(OnDemand, "find", lambda *_: None)
+    assert client.get(address, params=asked).status_code == 202
 
 
 def test_a_cell_or_an_axis_that_is_not_there_has_no_map(client: TestClient, run: str) -> None:

@@ -47,6 +47,7 @@ def test_an_option_overrides_the_environment_which_overrides_the_file(
     [
         ("port = 70000", "port is 70000"),
         ("port = [", "not TOML"),
+        ("retention_days = 1000000", "less than or equal to 36500"),
         ("pot = 1", "pot is not a known setting"),
         ('method = "best"', "method is 'best'"),
         ("workers = 0", "workers is 0"),

@@ -17,7 +17,7 @@ from tests.store.stored import RUNS
 
 from ballscrew.base.errors import InputError
 from ballscrew.service import signing_in
-from ballscrew.service.logs import LOG_FILE, logging_to
+from ballscrew.service.logs import LOG_FILE, logging_to, read_log
 from ballscrew.service.serving import Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.service.support import write_bundle
@@ -107,6 +107,14 @@ def test_the_log_of_an_error_has_no_link_and_no_parameter_of_the_database(
     assert "integer overflow" in log
     assert secret not in log
     assert secret.upper() not in log
+
+
+def test_a_line_of_the_log_ends_at_its_end_alone(tmp_path: Path) -> None:
+    lines = [{"path": "/a\u2028b\x85c"}, {"path": "/d"}]
+    text = "\n".join(json.dumps(line, ensure_ascii=False) for line in lines)
+    (tmp_path / LOG_FILE).write_text(f"{text}\n", encoding="utf-8", newline="\n")
+    assert read_log(tmp_path, 9) == lines
+    assert read_log(tmp_path, 1) == lines[1:]
 
 
 @pytest.mark.usefixtures("planted")

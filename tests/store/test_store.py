@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
@@ -210,6 +211,12 @@ def test_a_run_is_shown_with_what_its_numbers_come_from(filled: Store) -> None:
     assert document["state"]["reference"] == RUNS[0].id
     assert document["state"]["model_digest"] == digest(model_json(MODEL))
     assert filled.show(RUNS[5].id)["corrected_as"] == [new]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has other permissions")
+def test_others_cannot_read_the_url_of_a_database(tmp_path: Path) -> None:
+    DataFolder(tmp_path).create("postgresql://db/plant?user=u&password=secret")
+    assert (tmp_path / "store.toml").stat().st_mode & 0o777 == 0o600
 
 
 @pytest.mark.parametrize("name", ["", " ", "\u2003", "X\naxis", "X\x1b[2J", "X\udcff", "X\0axis"])

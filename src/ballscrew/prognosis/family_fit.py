@@ -117,7 +117,7 @@ def fit_family(
     Returns
     -------
     FamilyFit
-        With six to twenty-one times as many members.
+        With five to twenty-one times as many members.
     """
     random = np.random.default_rng([seed, 1])
     target = _Target(family, prior, duty, readings, OnsetScale.of(duty, prior))

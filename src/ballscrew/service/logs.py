@@ -186,7 +186,8 @@ def read_log(folder: Path, most: int) -> list[dict[str, Any]]:
     lines: list[str] = []
     for path in (folder / f"{LOG_FILE}.1", folder / LOG_FILE):
         if path.is_file():
-            lines += path.read_text(encoding="utf-8", errors="replace").splitlines()
+            with path.open(encoding="utf-8", errors="replace") as stream:
+                lines += stream
     found = []
     for line in lines[-most:]:
         try:

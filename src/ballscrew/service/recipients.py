@@ -271,8 +271,15 @@ def _smtp_problems(smtp: SmtpServer) -> list[str]:
     if smtp.user is not None:
         if smtp.tls == "none":
             found.append("smtp: a password is not sent without TLS; set tls, or leave out user.")
-        found += _why_unread(smtp.password)
+        found += _why_unread(smtp.password) or _why_unsent(smtp)
     return found + _missing_file("smtp.ca_file", smtp.ca_file)
+
+
+def _why_unsent(smtp: SmtpServer) -> list[str]:
+    """Why nobody can sign in; only ASCII can be sent."""
+    if f"{smtp.user}{smtp.password()}".isascii():
+        return []
+    return ["smtp: user or password has characters other than ASCII, which cannot be sent; choose others."]
 
 
 def _webhook_problems(webhook: WebhookRecipient, rules: MessageRules) -> list[str]:

@@ -25,7 +25,7 @@ from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.comparing import run_of
 from ballscrew.service.curves import answer_columns, axis_of, timed_runs, used_columns
 from ballscrew.service.on_demand import OnDemand, Responses, not_yet
-from ballscrew.service.serving import TOO_MANY, RefusedError
+from ballscrew.service.serving import RefusedError
 from ballscrew.service.stored_runs import (
     RAW_GONE,
     RawRecording,
@@ -212,7 +212,7 @@ def show_responses(
 
     ``cells`` lists the cells of the axis, by whose number one is chosen. Only runs whose raw files are stored
     have a magnitude, of these the newest 200. Each request computes one of those that are ``waiting``: ask
-    again until there is none. ``refused`` have no FRF.
+    again until there is none, or for each of them alone. ``refused`` have no FRF.
     """
     with service.store.read() as session:
         course = _course(session, axis_of(session, axis), cell, str(service.store.folder.files.resolve()))
@@ -225,11 +225,42 @@ def show_responses(
         values = (run.run, run.time, magnitude, *course.frequency.get(run.id, (None, None)))
         for column, value in zip(columns.values(), values, strict=True):
             column.append(value)
-    counts = {"stored": course.stored, "waiting": waiting, "refused": len(found) - len(documents)}
+    names = {run.id: run.run for run in course.runs}
+    counts = {
+        "stored": course.stored,
+        "waiting": [names[number] for number in waiting],
+        "refused": len(found) - len(documents),
+    }
     cells = [dict(zip(_KEY, each, strict=True)) for each in course.cells]
     return answer_columns(
         axis, {"cells": cells, "cell": cell, "frequency_Hz": plain(lines, 6), **columns, **counts}
     )
+
+
+@router.get("/runs/{run}/magnitude", response_model=None)
+def show_magnitude(
+    run: str,
+    caller: ViewerCaller,  # noqa: ARG001
+    service: RunningService,
+    results: Responses,
+    low: Annotated[float, Query(gt=0, lt=1e6)],
+    high: Annotated[float, Query(gt=0, lt=1e6)],
+    position_m: Annotated[float, Query(gt=-1e3, lt=1e3)],
+    condition: Annotated[str, Query(pattern=r"^[\w -]{1,40}$")],
+    motion: Annotated[int, Query(ge=0, le=100_000)],
+) -> dict[str, Any] | JSONResponse:
+    """Magnitude of the FRF of a cell of a run, in dB, at 200 frequencies from ``low`` to ``high``, for a map.
+
+    202 while it is being computed.
+    """
+    with service.store.read() as session:
+        found = locate_run(session, run)
+        task = _response_task(session, found, str(service.store.folder.files.resolve()))
+    document = _read_cell(results.find(task.key, task), _cell_file(position_m, condition, motion))
+    if document is None:
+        return not_yet("the FRF is being computed from the raw files.")
+    magnitude = _decibels(document, np.linspace(low, high, _MAP_LINES))
+    return {"schema": SCHEMA, "run": found.id, "magnitude_dB": magnitude}
 
 
 def _course(session: Session, axis: Axis, cell: int, folder: str) -> CellCourse:
@@ -265,23 +296,23 @@ def _runs_with_files(session: Session, axis: Axis) -> set[int]:
 
 def _read_cells(
     results: OnDemand, tasks: dict[int, ResponseTask], name: str
-) -> tuple[dict[int, dict[str, Any]], int]:
-    """FRF of a cell of the runs for which it is there, empty where it has none; how many are not there yet.
+) -> tuple[dict[int, dict[str, Any]], list[int]]:
+    """FRF of a cell of the runs for which it is there, empty where it has none; which are not there yet.
 
     One of those is computed, the newest first.
     """
     found: dict[int, dict[str, Any]] = {}
-    waiting = 0
+    waiting: list[int] = []
     for number, task in reversed(tasks.items()):
         try:
-            folder = results.find(task.key, task) if waiting == 0 else results.look(task.key)
+            folder = results.look(task.key) if waiting else results.find(task.key, task)
             document = _read_cell(folder, name)
-        except RefusedError as error:
-            document = None if error.status == TOO_MANY else {}
+        except RefusedError:  # for a while
+            document = None
         except InputError:
             document = {}
         if document is None:
-            waiting += 1
+            waiting.append(number)
         else:
             found[number] = document
     return found, waiting
@@ -307,6 +338,6 @@ def _decibels(document: dict[str, Any] | None, lines: Array) -> Any:
     if not document:
         return None
     magnitude = np.array(document["magnitude"], dtype=np.float64)
-    values = np.interp(lines, document["frequency_Hz"], magnitude)
+    values = np.interp(lines, document["frequency_Hz"], magnitude, left=np.nan, right=np.nan)
     with np.errstate(divide="ignore"):
         return plain(20 * np.log10(values), 4)

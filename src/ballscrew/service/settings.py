@@ -96,7 +96,7 @@ class ServerSettings(BaseSettings):
     webhook: tuple[WebhookRecipient, ...] = Field((), description="Programs that receive messages.")
     messages: MessageRules = Field(MessageRules.model_validate({}), description="When messages are sent.")
     retention_days: float | None = Field(
-        None, ge=0, description="Age from which raw files are deleted; without it none are."
+        None, ge=0, le=36_500, description="Age from which raw files are deleted; without it none are."
     )
     retention_newest: int = Field(
         30, ge=0, description="Newest runs of each axis whose raw files are not deleted by age."

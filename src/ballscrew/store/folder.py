@@ -95,7 +95,7 @@ class DataFolder:
         if simulated:
             text += "simulated = true\n"
         write_text(self._config, text)
-        if url is not None and "@" in url:  # may contain a password
+        if url is not None:  # may contain a password
             self._config.chmod(0o600)
 
     def database_url(self) -> str | None:

@@ -26,6 +26,7 @@ from ballscrew.store.tables import (
     Upload,
 )
 
+_MOST_DAYS = 36_500.0
 _FINISHED = ("done", "conflict")  # uploads whose files wait for no analysis
 
 
@@ -43,7 +44,7 @@ class RetentionPolicy:
     Raises
     ------
     InputError
-        If a number is negative.
+        If a number is negative, or ``days`` above 36500.
     """
 
     days: float
@@ -51,8 +52,11 @@ class RetentionPolicy:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if not (self.days >= 0 and self.newest >= 0):
-            raise InputError(f"days is {self.days} and newest is {self.newest}; both must be 0 or more.")
+        if not (0 <= self.days <= _MOST_DAYS and self.newest >= 0):
+            raise InputError(
+                f"days is {self.days} and newest is {self.newest}; both must be 0 or more, and days at most "
+                f"{_MOST_DAYS:.0f}."
+            )
 
 
 def retain(store: OpenStore, policy: RetentionPolicy, *, dry_run: bool = False) -> dict[str, Any]:

@@ -25,6 +25,7 @@ from tests.service.conftest import client_of, send_result, wait_for, work_off
 from tests.service.pages.browser import HOSTILE, Window, make_plant, serving
 from tests.store.stored import RUNS
 
+from ballscrew.base.result import not_executed
 from ballscrew.service import pages, reading
 from ballscrew.service.pages.help_topics import TOPICS
 from ballscrew.service.serving import ServedStore, Service
@@ -296,11 +297,51 @@ def test_a_table_is_sorted_by_its_heads_and_exported(window: Window, tmp_path: P
     rows = list(csv.DictReader((tmp_path / "fleet.csv").read_text(encoding="utf-8").splitlines()))
     assert {row["axis"] for row in rows} == {"bench", "Y axis", HOSTILE}
     page = window.open("/axes/bench")
+    text = 'loose;=HYPERLINK(1);"  +2'
+    page.locator("#axis-events ~ .wide tbody td").last.evaluate(
+        "(cell, text) => (cell.textContent = text)", text
+    )
     with page.expect_download() as download:
         page.locator("#axis-events ~ .tools button").click()
     download.value.save_as(tmp_path / "events.csv")
     rows = list(csv.DictReader((tmp_path / "events.csv").read_text(encoding="utf-8-sig").splitlines()))
     assert [datetime.fromisoformat(row["Time"]).tzinfo for row in rows] == [UTC]
+    assert list(rows[0].values())[-1] == not_executed(" ".join(text.split()))
+
+
+def test_empty_cells_are_last_in_both_directions(window: Window) -> None:
+    page = window.open("/")
+    head = page.locator("th", has=page.get_by_role("button", name="Last run"))
+    column = head.evaluate("(head) => head.cellIndex")
+    for _ in range(2):
+        head.get_by_role("button").click()
+        cells = page.locator(f"tbody tr > :nth-child({column + 1})")
+        values = cells.evaluate_all("(all) => all.map((each) => each.dataset.value)")
+        assert [value == "" for value in values] == [False, False, True]
+
+
+def test_a_time_without_a_zone_is_in_utc(new_window: Any) -> None:
+    page = new_window(locale="en-GB", timezone_id="Asia/Tokyo").open(f"/compare?a=bench&b={HOSTILE_URL}")
+    times = ["2026-01-31T08:00", "2026-01-31 08:00:00.5", "2026-01-31T08:00Z", "2026-01-31T09:00+01:00"]
+    read = "(all) => all.map((each) => ballscrew.instant(each).toISOString().slice(0, 16))"
+    assert set(page.evaluate(read, times)) == {"2026-01-31T08:00"}
+    shown = page.evaluate(
+        """async (time) => {
+          const place = document.querySelector("[data-chart=trends]");
+          const shown = document.createElement("time");
+          shown.dateTime = time;
+          place.before(shown);
+          document.body.dispatchEvent(new CustomEvent("htmx:afterSwap"));
+          const { join } = uPlot;
+          const tables = [];
+          uPlot.join = (given) => (tables.push(...given), join(given));
+          const row = { measured_at: time, stiffness: 1, stiffness_low: 1, stiffness_high: 1 };
+          await ballscrew.charts.trends(place, { axis: "a", history: [row] });
+          return [shown.textContent, tables[0][0][0]];
+        }""",
+        times[0],
+    )
+    assert shown == ["31 Jan 2026, 17:00", datetime(2026, 1, 31, 8, tzinfo=UTC).timestamp()]
 
 
 def test_the_language_is_changed_with_the_filter_and_remembered(new_window: Any) -> None:
@@ -380,6 +421,28 @@ def test_the_map_of_frf_is_computed_when_it_is_opened_and_says_which_runs_are_bl
             select.select_option("5")
         page.wait_for_load_state("networkidle")
         assert [url.partition("?")[2] for url in requests if "/responses" in url] == ["cell=0", "cell=5"]
+        later = [503, 202, 202]
+
+        def answer(route: Route) -> None:
+            if "/magnitude" in route.request.url and later:
+                return route.fulfill(status=later.pop(), json={"detail": "later."})
+            if "/magnitude" in route.request.url:
+                return route.continue_()
+            found = route.fetch().json()
+            place = next(number for number, each in enumerate(found["magnitude_dB"]) if each)
+            found["magnitude_dB"][place], found["waiting"] = None, [found["run"][place]]
+            return route.fulfill(json=found)
+
+        window.expected = {503}
+        page.route(re.compile("/responses|/magnitude"), answer)
+        requests.clear()
+        with page.expect_response(lambda found: "/magnitude" in found.url and found.status == 200):
+            select.select_option("3")
+        page.wait_for_function(
+            "(text) => document.querySelector('[data-about]').textContent === text", arg=about
+        )
+        asked = [url.split("?")[0].rpartition("/")[2] for url in requests]
+        assert asked == ["responses", *4 * ["magnitude"]]
         assert faults(page) == []
         assert overflow(page) <= 0
         window.close()

@@ -56,7 +56,7 @@
       update();
     }
     for (const option of root.querySelectorAll("option[data-time]")) {
-      const at = new Date(option.dataset.time);
+      const at = ballscrew.instant(option.dataset.time);
       if (Number.isNaN(at.getTime())) continue;
       const [, ...rest] = option.textContent.split(" · ");
       option.textContent = [ballscrew.clock.format(at), ...rest].join(" · ");

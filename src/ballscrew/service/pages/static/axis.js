@@ -17,7 +17,7 @@
 
   const element = (id) => document.getElementById(id);
   const opened = (run) => location.assign(`/runs/${encodeURIComponent(run)}`);
-  const seconds = (text) => new Date(/[zZ]|[+-]\d\d:?\d\d$/.test(text) ? text : `${text}Z`).getTime() / 1000;
+  const seconds = (text) => ballscrew.instant(text).getTime() / 1000;
   const finite = (values) => values.filter((value) => value !== null && Number.isFinite(value));
   const least = (values) => values.reduce((a, b) => Math.min(a, b), Infinity); // spread, many numbers exceed the stack
   const most = (values) => values.reduce((a, b) => Math.max(a, b), -Infinity);
@@ -632,6 +632,8 @@
     }
   }
 
+  const LATER = [202, 429, 503, 507]; // reasons that pass
+
   function drawResponses(root, document_) {
     readPalette();
     const place = root.querySelector("[data-plot=responses]");
@@ -639,9 +641,9 @@
     offerCells(root.querySelector("select"), map);
     const drawn = map.magnitude_dB.filter(Boolean);
     const parts = [`${drawn.length} ${words.drawn}`, `${map.time.length - map.stored} ${words.blank}`];
-    if (map.stored > drawn.length + map.waiting + map.refused) parts.push(`${map.stored} ${words.stored}`);
+    if (map.stored > drawn.length + map.waiting.length + map.refused) parts.push(`${map.stored} ${words.stored}`);
     if (map.refused) parts.push(`${map.refused} ${words.refused}`);
-    if (map.waiting) parts.push(`${map.waiting} ${words.waiting}`);
+    if (map.waiting.length) parts.push(`${map.waiting.length} ${words.waiting}`);
     root.querySelector("[data-about]").textContent = `${words.runs} ${parts.join("; ")}`;
     place.closest("figure").hidden = !drawn.length;
     if (!drawn.length) return;
@@ -666,21 +668,42 @@
     zoom(view.now);
   }
 
-  // Computed run by run while somebody looks at it.
   async function loadResponses(root) {
     const select = root.querySelector("select");
     const request = (root.request = {});
-    while (root.open && root.request === request && trend) {
-      const answer = await fetch(`${root.dataset.responses}?cell=${select.value || 0}`);
-      const document_ = await answer.json();
-      if (root.request !== request) return;
-      if (!answer.ok) {
-        root.querySelector("[data-about]").textContent = document_.detail;
-        return;
+    const isWanted = () => root.open && root.request === request && trend;
+    if (!isWanted()) return;
+    const answer = await fetch(`${root.dataset.responses}?cell=${select.value || 0}`);
+    const map = await answer.json();
+    if (!isWanted()) return;
+    if (!answer.ok) {
+      root.querySelector("[data-about]").textContent = map.detail;
+      return;
+    }
+    drawResponses(root, map);
+    await loadWaiting(root, map, isWanted);
+  }
+
+  // Computed run by run while somebody looks at it; only what is not there yet is asked for.
+  async function loadWaiting(root, map, isWanted) {
+    const lines = map.frequency_Hz;
+    const query = new URLSearchParams({ low: lines[0] ?? 1, high: lines.at(-1) ?? 2, ...map.cells[map.cell] });
+    while (map.waiting.length) {
+      const run = map.waiting.shift();
+      const answer = await fetch(`/api/v1/runs/${encodeURIComponent(run)}/magnitude?${query}`);
+      const { magnitude_dB: magnitude = null } = await answer.json();
+      if (!isWanted()) return;
+      if (LATER.includes(answer.status)) {
+        if (answer.status === 202) map.waiting.unshift(run);
+        else map.waiting.push(run);
+        await new Promise((done) => setTimeout(done, 500));
+        if (!isWanted()) return;
+        continue;
       }
-      drawResponses(root, document_);
-      if (!document_.waiting) return;
-      await new Promise((done) => setTimeout(done, 500));
+      if (magnitude && !lines.length) return loadResponses(root); // whose frequencies are known now
+      map.magnitude_dB[map.run.indexOf(run)] = magnitude;
+      if (!magnitude) map.refused++;
+      drawResponses(root, map);
     }
   }
 

@@ -26,9 +26,12 @@ const ballscrew = (() => {
           maximumFractionDigits: decimals,
         }).replace("-", "−");
 
+  // A time without a zone is in UTC, as on the server.
+  const instant = (text) => new Date(/[Tt ]\d\d:?\d\d[^zZ+-]*$/.test(text) ? `${text}Z` : text);
+
   function localTimes(root) {
     for (const each of root.querySelectorAll("time[datetime]")) {
-      const at = new Date(each.dateTime);
+      const at = instant(each.dateTime);
       if (!Number.isNaN(at.getTime())) {
         const isDay = each.classList.contains("day");
         each.title = each.title || (isDay ? clock.format(at) : each.textContent);
@@ -40,12 +43,11 @@ const ballscrew = (() => {
 
   const valueOf = (row, column) => {
     const cell = row.cells[column];
-    return cell.dataset.value !== undefined ? cell.dataset.value : cell.textContent.trim();
+    return cell.dataset.value !== undefined ? cell.dataset.value : cell.textContent.trim().replace(/^–$/, "");
   };
 
   function compare(a, b) {
     const [x, y] = [Number(a), Number(b)];
-    if (a === "" || b === "") return a === b ? 0 : a === "" ? 1 : -1;
     return Number.isNaN(x) || Number.isNaN(y) ? a.localeCompare(b, language, { numeric: true }) : x - y;
   }
 
@@ -68,13 +70,16 @@ const ballscrew = (() => {
     for (const each of table.tHead.rows[0].cells) each.removeAttribute("aria-sort");
     cell.setAttribute("aria-sort", ascending ? "ascending" : "descending");
     const rows = [...table.tBodies[0].rows];
-    rows.sort((a, b) => (ascending ? 1 : -1) * compare(valueOf(a, column), valueOf(b, column)));
-    table.tBodies[0].append(...rows);
+    const isEmpty = (row) => valueOf(row, column) === "";
+    const filled = rows.filter((row) => !isEmpty(row));
+    filled.sort((a, b) => (ascending ? 1 : -1) * compare(valueOf(a, column), valueOf(b, column)));
+    table.tBodies[0].append(...filled, ...rows.filter(isEmpty)); // in both directions
   }
 
   const field = (text) => {
-    // A spreadsheet executes a text that begins so.
-    const safe = /^[=+\-@\t\r＝＋－＠]/.test(text) && Number.isNaN(Number(text)) ? `'${text}` : text;
+    // A spreadsheet executes a text that begins so; of another language also after a semicolon, as on the server.
+    const inner = text.replace(/([;\t\r\n]"? *)(?=[=+@＝＋－＠-])/g, "$1'");
+    const safe = /^ *[=+\-@\t\r\n＝＋－＠]/.test(inner) && Number.isNaN(Number(inner)) ? `'${inner}` : inner;
     return `"${safe.replaceAll('"', '""')}"`;
   };
 
@@ -293,5 +298,5 @@ const ballscrew = (() => {
 
   // Scripts of pages, which are deferred too, add their charts before this runs.
   document.addEventListener("DOMContentLoaded", start);
-  return { charts, colour, number, clock, language, sortable, fetched, widthOf, fit, isDark, recolours, ownHeaders };
+  return { charts, colour, number, clock, instant, language, sortable, fetched, widthOf, fit, isDark, recolours, ownHeaders };
 })();

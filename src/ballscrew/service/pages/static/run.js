@@ -347,7 +347,7 @@
     const both = [first, await (await fetch(place.dataset.other)).json()];
     const tables = both.map(({ history }) => {
       const rows = history.filter((row) => row.measured_at && row.stiffness !== null);
-      return [rows.map((row) => Date.parse(row.measured_at) / 1000), ...["stiffness", "stiffness_low", "stiffness_high"].map((name) => rows.map((row) => 100 * row[name]))];
+      return [rows.map((row) => ballscrew.instant(row.measured_at).getTime() / 1000), ...["stiffness", "stiffness_low", "stiffness_high"].map((name) => rows.map((row) => 100 * row[name]))];
     });
     if (!tables.some((table) => table[0].length)) return message(place, words.nothing);
     const colours = [() => ballscrew.colour("accent"), () => ballscrew.colour("watch")];
