@@ -114,6 +114,12 @@ simulate_healthy
 _get_socket
 default_port
 _checked_url
+_check_zone
 # logging and SQLAlchemy call these
 handleError
 _is_stored_in_rows
+# smtplib reads these
+ehlo_resp
+helo_resp
+esmtp_features
+does_esmtp
