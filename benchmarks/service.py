@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import math
 import os
 import random
 import signal
@@ -44,6 +45,7 @@ _CHANNELS = '[[channel]]\nsource = "a"\nquantity = "torque"\nunit = "N m"\n'
 _ANALYSIS = "BALLSCREW_BENCHMARK_ANALYSIS"
 _PATIENCE = 600.0  # s
 _LEASE = 5.0  # s
+_MOST_WAITING = 30  # jobs
 
 
 def imitated_work(pipe: Connection, scratch: str) -> None:
@@ -84,6 +86,7 @@ class Process:
         self.folder, self.port, self.analysis = folder, port, analysis
         self.url = f"http://127.0.0.1:{port}"
         self.process: subprocess.Popen[bytes] | None = None
+        self.stopped: list[int] = []
 
     def start(self) -> float:
         """Start it; seconds until it is ready."""
@@ -107,17 +110,23 @@ class Process:
         return time.perf_counter() - begin
 
     def kill(self) -> None:
-        """Kill the server."""
+        """Kill the server, and then its workers that are stopped: others end with it."""
         assert self.process is not None
         self.process.kill()
         self.process.wait()
+        for number in self.stopped:
+            with suppress(OSError):
+                os.kill(number, signal.SIGKILL)
+        self.stopped.clear()
 
     def signal_worker(self, chance: random.Random, number: signal.Signals) -> bool:
         """Kill or stop one of its workers; whether there was one."""
         found = self.workers()
         if found:
+            chosen = chance.choice(found)
+            self.stopped.append(chosen)
             with suppress(OSError):
-                os.kill(chance.choice(found), number)
+                os.kill(chosen, number)
         return bool(found)
 
     def workers(self) -> list[int]:
@@ -364,12 +373,13 @@ def measure_steady(folder: Path, port: int, minutes: float, analysis: float) -> 
           f"{np.quantile(latencies, 0.5):.3f}, {np.quantile(latencies, 0.99):.3f} s |")  # fmt: skip
 
 
-def kill_all(folder: Path, port: int, kills: int, analysis: float, seed: int) -> None:
+def kill_all(folder: Path, port: int, kills: int, minutes: float, analysis: float, seed: int) -> None:
     """Kill server and workers while runs are sent, and check the promises after each kill of a server."""
     chance = random.Random(seed)  # noqa: S311
     process, acknowledged, outcomes = Process(folder, port, analysis), {}, Counter[str]()
     stop = threading.Event()
     lock = threading.Lock()
+    deadline = time.monotonic() + 60 * minutes
 
     def send_on(first: int) -> None:
         number = first
@@ -395,8 +405,9 @@ def kill_all(folder: Path, port: int, kills: int, analysis: float, seed: int) ->
             senders = [pool.submit(send_on, first) for first in range(2)]
             senders.append(pool.submit(send_by_command))
             try:
-                while sum(outcomes.values()) < kills:
+                while sum(outcomes.values()) < kills and time.monotonic() < deadline:
                     time.sleep(chance.uniform(0.0, 1.5))
+                    wait_for(partial(_is_short, process.url))
                     fault = chance.choice(("server", "worker", "stopped worker"))
                     if fault == "worker":
                         outcomes[fault] += process.signal_worker(chance, signal.SIGKILL)
@@ -420,6 +431,12 @@ def kill_all(folder: Path, port: int, kills: int, analysis: float, seed: int) ->
     print(f"| kills: {names}; {len(acknowledged)} runs acknowledged | all done, none lost, none doubled |")
 
 
+def _is_short(url: str) -> bool:
+    """Whether few jobs wait: faults come while runs are analysed, and no sender is refused for long."""
+    with httpx.Client(base_url=url, timeout=30) as client:
+        return len(client.get("/api/v1/jobs").raise_for_status().json()["jobs"]) < _MOST_WAITING
+
+
 def check_uploads(folder: Path, acknowledged: dict[str, str]) -> None:
     """Check that what was acknowledged is in the store of a server that was just killed."""
     with OpenStore(folder).read() as session:
@@ -440,6 +457,7 @@ def main() -> None:
     parser.add_argument("--senders", type=int, default=10)
     parser.add_argument("--steady", type=float, default=0, help="minutes")
     parser.add_argument("--kills", type=int, default=0)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="end kills after this time")
     parser.add_argument("--analysis", type=float, default=0.2)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
@@ -458,7 +476,7 @@ def main() -> None:
         if given.steady:
             measure_steady(folder / "steady", given.port, given.steady, given.analysis)
         if given.kills:
-            kill_all(folder / "kills", given.port, given.kills, given.analysis, given.seed)
+            kill_all(folder / "kills", given.port, given.kills, given.minutes, given.analysis, given.seed)
 
 
 if __name__ == "__main__":
