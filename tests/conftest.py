@@ -77,8 +77,16 @@ settings.load_profile("no deadline")
 os.fsync = os.fstat  # type: ignore[assignment]  fails for the same handles
 
 
+DEAR_ON_POSTGRESQL = ("test_checkpoints.py", "test_orders.py")
+"""Files of the store whose tests are slow ones on PostgreSQL: their time is that of the assessments."""
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the long files first; the order within a file stays."""
+    for item in items:
+        if item.path.name in DEAR_ON_POSTGRESQL and "[postgresql" in item.name:
+            item.add_marker(pytest.mark.slow)
     place = {Path(__file__).parent / name: index for index, name in enumerate(LONG_FILES)}
     items.sort(key=lambda item: place.get(item.path, len(place)))
 

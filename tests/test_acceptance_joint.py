@@ -49,7 +49,12 @@ def truth(bench: Path) -> dict[str, dict[str, dict[str, float]]]:
 
 
 @pytest.mark.parametrize(
-    "name", ["as it is", pytest.param("both softer", marks=pytest.mark.slow), "both stiffer"]
+    "name",
+    [
+        "as it is",
+        pytest.param("both softer", marks=pytest.mark.slow),
+        pytest.param("both stiffer", marks=pytest.mark.slow),
+    ],
 )  # a softer sheet: joint/test_identify.py
 def test_frequencies_of_the_bench(
     bench: Path, bench_run: BenchRun, truth: dict[str, dict[str, dict[str, float]]], name: str

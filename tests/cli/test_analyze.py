@@ -236,7 +236,10 @@ def test_spectra_are_written(ballscrew, rig, tmp_path):
     assert not (tmp_path / "none.h5").exists()
 
 
-@pytest.mark.parametrize(("ending", "method"), [("png", "joint"), ("svg", "paper"), ("pdf", "paper")])
+@pytest.mark.parametrize(
+    ("ending", "method"),
+    [("png", "joint"), ("svg", "paper"), pytest.param("pdf", "paper", marks=pytest.mark.slow)],
+)
 def test_a_picture_is_written(ballscrew, rig, tmp_path, ending, method):
     path = tmp_path / f"run.{ending}"
     assert ballscrew("analyze", rig / "run.toml", "--method", method, "--plot", path).status == 0

@@ -95,6 +95,7 @@ def test_run_by_run_through_bytes_is_the_same_at_every_run() -> None:
     assert content(found) == content(judged(RUNS, EVENTS))
 
 
+@pytest.mark.slow
 @given(data=st.data())
 @settings(max_examples=10, deadline=None)
 def test_any_order_of_arrival_gives_what_judging_from_the_start_gives(data: st.DataObject) -> None:

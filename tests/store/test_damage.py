@@ -126,6 +126,7 @@ def test_a_changed_row_is_found(
     assert fault in " ".join(changed.verify(changed.path).faults)
 
 
+@pytest.mark.slow
 def test_flipped_bytes_of_the_database_are_found_or_change_nothing(tmp_path: Path) -> None:
     Store.init(tmp_path / "a")
     store = Store(tmp_path / "a")

@@ -211,6 +211,7 @@ def test_ripple_that_stays_where_it_is_costs_little(rig: Rig, sheet: DataSheet, 
     assert uncertainty.max() < 0.15  # 0.10 to 0.13: the noise of three trips
 
 
+@pytest.mark.slow
 def test_ripple_costs_little_of_the_accuracy(cogging: SmallRun, cogging_result: JointResult) -> None:
     off = errors(cogging_result, cogging)
     assert len(off) == 12
@@ -259,6 +260,7 @@ def test_an_order_below_the_band_is_within_the_uncertainty(rig: Rig, sheet: Data
         assert abs(cell.frequency_Hz - run.free[cell.position_m]) < 2 * cell.standard_uncertainty_Hz
 
 
+@pytest.mark.slow
 def test_an_order_between_whole_ones_shows_as_several_without_a_size(rig: Rig, sheet: DataSheet) -> None:
     """All of them come near the mode; only that they are neighbours shows it."""
     strong = Disturbances(ripple_orders=(17.5,), ripple=0.02, ball_pass=0.0)

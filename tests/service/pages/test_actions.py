@@ -36,8 +36,8 @@ def test_an_event_is_previewed_and_then_stored(client: TestClient, service: Serv
     ("kind", "sentence"),
     [
         ("nut replaced", "the next run begins a new baseline"),
-        ("greased", "From the next run on, a step of the values"),
-        ("note", "A note changes nothing after it either."),
+        pytest.param("greased", "From the next run on, a step of the values", marks=pytest.mark.slow),
+        pytest.param("note", "A note changes nothing after it either.", marks=pytest.mark.slow),
     ],
 )
 def test_a_preview_of_an_event_after_the_newest_run_says_what_comes_with_the_next(
