@@ -384,6 +384,7 @@ def kill_all(folder: Path, port: int, kills: int, minutes: float, analysis: floa
     def send_on(first: int) -> None:
         number = first
         while not stop.is_set():
+            wait_for(partial(_is_short, process.url))
             identity = send_until_acknowledged(process.url, number)
             with lock:
                 acknowledged[f"run{number}"] = identity
@@ -407,7 +408,6 @@ def kill_all(folder: Path, port: int, kills: int, minutes: float, analysis: floa
             try:
                 while sum(outcomes.values()) < kills and time.monotonic() < deadline:
                     time.sleep(chance.uniform(0.0, 1.5))
-                    wait_for(partial(_is_short, process.url))
                     fault = chance.choice(("server", "worker", "stopped worker"))
                     if fault == "worker":
                         outcomes[fault] += process.signal_worker(chance, signal.SIGKILL)
@@ -432,7 +432,7 @@ def kill_all(folder: Path, port: int, kills: int, minutes: float, analysis: floa
 
 
 def _is_short(url: str) -> bool:
-    """Whether few jobs wait: faults come while runs are analysed, and no sender is refused for long."""
+    """Whether few jobs wait, so that no sender is refused for long."""
     with httpx.Client(base_url=url, timeout=30) as client:
         return len(client.get("/api/v1/jobs").raise_for_status().json()["jobs"]) < _MOST_WAITING
 
