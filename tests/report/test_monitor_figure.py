@@ -15,7 +15,7 @@ from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.report.canvas import save_figure
 from ballscrew.report.monitor_figure import draw_monitor
-from ballscrew.report.monitor_words import advice, headline, lamp
+from ballscrew.report.monitor_words import _remaining, advice, headline, lamp
 
 DAYS = tuple(float(day) for day in range(0, 60, 3))
 
@@ -140,3 +140,9 @@ def test_a_worn_out_nut_is_urgent_with_the_date_of_its_run_and_its_stage():
 def test_a_suspect_run_is_not_to_be_repeated_in_the_same_way():
     runs = [*history(DAYS[:1]), *history(DAYS[1:2], seed=9, quality=Quality("bad", ("clipped",)))]
     assert advice(monitor(runs, calibrated()))[0].startswith("Correct first")
+
+
+def test_a_life_of_less_than_a_day_is_not_at_least_0_days() -> None:
+    assert _remaining(0.4, 18.2, 60.0) == "; the end of life may have been reached (about 18 days remain)"
+    assert _remaining(0.6, 18.2, 60.0) == "; at least 1 days of life remain (about 18, at most 60)"
+    assert _remaining(0.4, None, None) == "; at least 0 days of life remain, the latest end is open"
