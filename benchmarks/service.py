@@ -4,8 +4,9 @@
 ``/readyz`` and from an upload to its verdict (with ``BALLSCREW_DATA``), ``--burst 100`` ten senders,
 ``--steady 30`` the memory over 30 minutes of runs and page views, and ``--kills 100`` kills the server, a
 worker or a sender, or stops a worker, at random moments while three senders send: nothing that was
-acknowledged may be lost or doubled. In all but ``--verdicts`` the analysis is one that takes ``--analysis``
-seconds and no processor time.
+acknowledged may be lost or doubled. With ``--full FOLDER``, on a small file system, the data folder is there,
+and its disk is filled at random moments, too. In all but ``--verdicts`` the analysis is one that takes
+``--analysis`` seconds and no processor time.
 """
 
 from __future__ import annotations
@@ -66,7 +67,9 @@ def serve_imitated(folder: str, port: int) -> None:
     from ballscrew.service import server, working
 
     setattr(server, "Worker", partial(working.Worker, target=imitated_work))  # noqa: B010  mypy
-    server.serve(folder, port=port, workers=2, back_off_s=0.2, attempts=1000, lease_s=_LEASE)
+    server.serve(
+        folder, port=port, workers=2, back_off_s=0.2, attempts=1000, lease_s=_LEASE, min_free_bytes=0
+    )
 
 
 class Process:
@@ -373,10 +376,16 @@ def measure_steady(folder: Path, port: int, minutes: float, analysis: float) -> 
           f"{np.quantile(latencies, 0.5):.3f}, {np.quantile(latencies, 0.99):.3f} s |")  # fmt: skip
 
 
-def kill_all(folder: Path, port: int, kills: int, minutes: float, analysis: float, seed: int) -> None:
-    """Kill server and workers while runs are sent, and check the promises after each kill of a server."""
+def kill_all(
+    folder: Path, port: int, kills: int, minutes: float, analysis: float, seed: int, *, small: Path | None
+) -> None:
+    """Kill processes, or fill a small disk, while runs are sent; check after each kill of a server."""
     chance = random.Random(seed)  # noqa: S311
-    process, acknowledged, outcomes = Process(folder, port, analysis), {}, Counter[str]()
+    faults, data = ["server", "worker", "stopped worker"], folder / "data"
+    if small is not None:
+        faults.append("full disk")
+        data = small / "data"
+    process, acknowledged, outcomes = Process(data, port, analysis), {}, Counter[str]()
     stop = threading.Event()
     lock = threading.Lock()
     deadline = time.monotonic() + 60 * minutes
@@ -396,7 +405,7 @@ def kill_all(folder: Path, port: int, kills: int, minutes: float, analysis: floa
     def send_by_command() -> None:
         number, moments = 1_000_000, random.Random(seed)  # noqa: S311
         while not stop.is_set():
-            outcomes["sender"] += send_with_kills(process.url, folder.parent / "senders", number, moments)
+            outcomes["sender"] += send_with_kills(process.url, folder / "senders", number, moments)
             with lock:
                 acknowledged[f"run{number}"] = content_of(process.url, f"run{number}")
             number += 1
@@ -408,27 +417,42 @@ def kill_all(folder: Path, port: int, kills: int, minutes: float, analysis: floa
             try:
                 while sum(outcomes.values()) < kills and time.monotonic() < deadline:
                     time.sleep(chance.uniform(0.0, 1.5))
-                    fault = chance.choice(("server", "worker", "stopped worker"))
+                    fault = chance.choice(faults)
                     if fault == "worker":
                         outcomes[fault] += process.signal_worker(chance, signal.SIGKILL)
                         continue
                     if fault == "stopped worker":  # past its lease
                         outcomes[fault] += process.signal_worker(chance, signal.SIGSTOP)
                         continue
+                    if small is not None and fault == "full disk":
+                        fill(small / "filler", chance.uniform(0.5, 3.0))
+                        outcomes[fault] += 1
+                        continue
                     process.kill()
                     outcomes["server"] += 1
                     with lock:
                         known = dict(acknowledged)
-                    check_uploads(folder, known)
+                    check_uploads(data, known)
                     process.start()
             finally:
                 stop.set()
             for sender in senders:
                 sender.result()
         wait_for_verdicts(process.url)
-    check(folder, acknowledged)
+    check(data, acknowledged)
     names = ", ".join(f"{number} of a {name}" for name, number in sorted(outcomes.items()))
-    print(f"| kills: {names}; {len(acknowledged)} runs acknowledged | all done, none lost, none doubled |")
+    print(f"| faults: {names}; {len(acknowledged)} runs acknowledged | all done, none lost, none doubled |")
+
+
+def fill(path: Path, seconds: float) -> None:
+    """Fill the disk with a file for some time."""
+    with suppress(OSError), path.open("wb", buffering=0) as file:
+        for size in (1 << 20, 1 << 12):
+            with suppress(OSError):
+                while True:
+                    file.write(bytes(size))
+    time.sleep(seconds)
+    path.unlink(missing_ok=True)
 
 
 def _is_short(url: str) -> bool:
@@ -458,6 +482,7 @@ def main() -> None:
     parser.add_argument("--steady", type=float, default=0, help="minutes")
     parser.add_argument("--kills", type=int, default=0)
     parser.add_argument("--minutes", type=float, default=math.inf, help="end kills after this time")
+    parser.add_argument("--full", type=Path, help="folder on a small file system")
     parser.add_argument("--analysis", type=float, default=0.2)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
@@ -476,7 +501,8 @@ def main() -> None:
         if given.steady:
             measure_steady(folder / "steady", given.port, given.steady, given.analysis)
         if given.kills:
-            kill_all(folder / "kills", given.port, given.kills, given.minutes, given.analysis, given.seed)
+            times = (given.minutes, given.analysis, given.seed)
+            kill_all(folder / "kills", given.port, given.kills, *times, small=given.full)
 
 
 if __name__ == "__main__":

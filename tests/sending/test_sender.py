@@ -892,6 +892,38 @@ def test_a_server_that_was_away_gets_all_runs_once(
     assert [sentence for sentence in scene.sentences if "no connection" not in sentence] == []
 
 
+def test_a_day_without_the_server_loses_no_run_with_a_full_spool_and_cut_uploads(
+    folder: Path, server: FakeServer, settings: SendSettings, scene: Scene
+) -> None:
+    """A run every hour; the spool contains three; from the second day each first upload is cut."""
+    hour, outage = 3600.0, Fault("*", "away", times=10**9)
+    server.faults.append(outage)
+    written = 0
+
+    def pass_time() -> None:
+        nonlocal written
+        scene.time += 600.0
+        if written < 24 and scene.time >= written * hour:
+            write_run(folder / str(written), [bytes([written]) * 30_000, bytes([written, 1]) * 5_000])
+            written += 1
+        if outage.times and scene.time >= 24 * hour:
+            assert server.runs == {}
+            outage.times = 0
+            server.faults.append(Fault("PUT", "cut", times=24))
+
+    scene.actions = dict.fromkeys(range(1, 300), pass_time)
+    watch(folder, server, replace(settings, spool_limit=130_000), scene, pauses=300)
+    assert outage.times == 0
+    assert [fault.times for fault in server.faults] == [0, 0]
+    assert any("stays there" in sentence for sentence in scene.sentences)
+    sent = {
+        tuple(server.files[file["sha256"]] for file in document["files"]) for document in server.runs.values()
+    }
+    assert sent == {(bytes([each]) * 30_000, bytes([each, 1]) * 5_000) for each in range(24)}
+    assert len(server.runs) == len(scene.answers) == 24
+    assert queue_of(settings) == []
+
+
 def test_a_full_spool_loses_nothing(
     folder: Path, server: FakeServer, settings: SendSettings, scene: Scene
 ) -> None:

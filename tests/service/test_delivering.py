@@ -340,6 +340,35 @@ def test_what_waits_for_a_recipient_that_refuses_is_sent_when_it_accepts_again_i
     assert [mail["Subject"] for mail in mails.mails] == ["Alarm of bench", "Retracted: alarm of bench"]
 
 
+def test_the_pause_begins_with_the_attempt_and_not_with_the_round(
+    make: Made, mails: MailSink, hooks: HookSink
+) -> None:
+    """Recipients before may have taken long."""
+    hooks.statuses = [500]
+    service = make(mails, hooks, messages={"back_off_s": 60.0})
+    plan_messages(service, AT)
+    times = (AT + timedelta(seconds=each) for each in (0, 10, 300, 301, 302))
+    assert send_messages(service, lambda: next(times)) == 2
+    with service.store.read() as session:
+        (waiting,) = session.scalars(select(Delivery).where(Delivery.status == "queued"))
+        (sent,) = session.scalars(select(Delivery).where(Delivery.status == "sent"))
+    assert (sent.recipient, sent.sent_at) == (
+        TO,
+        (AT + timedelta(seconds=10)).isoformat(timespec="milliseconds"),
+    )
+    assert (waiting.recipient, waiting.not_before) == ("cmms", AT.timestamp() + 300 + 60)
+
+
+@pytest.mark.parametrize("jump", [timedelta(days=-366), timedelta(days=-1), timedelta(days=1)])
+def test_a_clock_that_jumps_delays_no_message(make: Made, hooks: HookSink, jump: timedelta) -> None:
+    hooks.statuses = [500]
+    service = make(hooks=hooks)
+    deliver(service)
+    assert rows(service) == [("cmms", "queued", 1)]
+    send_messages(service, lambda: AT + jump)
+    assert rows(service) == [("cmms", "sent", 2)]
+
+
 def test_a_slow_recipient_has_a_time_limit_and_stands_in_no_ones_way(
     make: Made, mails: MailSink, hooks: HookSink, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -15,7 +15,7 @@ from tests.service.bad_worker import end_at_once, misbehave
 from tests.service.conftest import FILES, SETUP, NewService, client_of, send, wait_for, work_off
 from tests.store.stored import RUNS, count, imitate_analysis, write_recordings
 
-from ballscrew.service.jobs import lease_job, release_jobs
+from ballscrew.service.jobs import fail_job, lease_job, release_jobs
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.working import Worker, finish, task_of
 from ballscrew.store.adding import add
@@ -149,6 +149,25 @@ def test_a_result_that_comes_after_its_lease_was_lost_is_dropped(
     assert count(service.store, RunRow) == 1
 
 
+@pytest.mark.parametrize("jump", [-366 * 86_400.0, -86_400.0, 86_400.0])
+def test_a_clock_that_jumps_delays_no_job_and_doubles_none(
+    client: TestClient, service: Service, jump: float
+) -> None:
+    send(client)
+    now = time.time()
+    first = lease_job(service, lambda: now)
+    second = lease_job(service, lambda: now + jump)  # the lease of the first cannot be judged
+    assert first is not None
+    assert second is not None
+    assert lease_job(service, lambda: now + jump + 1) is None
+    assert not finish(service, first, "done", (RUNS[0].to_json(), []))
+    fail_job(service, second, "x", lambda: now)
+    third = lease_job(service, lambda: now + jump)
+    assert third is not None
+    assert finish(service, third, "done", (RUNS[0].to_json(), []))
+    assert (count(service.store, RunRow), count(service.store, JobRow)) == (1, 0)
+
+
 def test_leases_of_a_server_that_has_ended_are_void(client: TestClient, service: Service) -> None:
     send(client)
     lease_job(service)
@@ -168,7 +187,26 @@ def test_the_pause_between_attempts_doubles(new_service: NewService) -> None:
     finish(service, lease, "failed", "x")
     now = time.time()
     assert lease_job(service, lambda: now + 5) is None
-    assert lease_job(service, lambda: now + 11) is not None
+    lease = lease_job(service, lambda: now + 11)
+    assert lease is not None
+    fail_job(service, lease, "x", lambda: now + 11)
+    assert lease_job(service, lambda: now + 30) is None
+    assert lease_job(service, lambda: now + 32) is not None
+
+
+def test_the_pause_after_many_attempts_is_an_hour(new_service: NewService) -> None:
+    service = new_service(back_off_s=10.0, attempts=5000)
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        send(client)
+    lease = lease_job(service)
+    assert lease is not None
+    with service.store.write("test") as session:
+        session.get_one(JobRow, lease.job).attempts = 4000
+    now = time.time()
+    fail_job(service, lease, "x", lambda: now)
+    assert lease_job(service, lambda: now + 3599) is None
+    assert lease_job(service, lambda: now + 3601) is not None
 
 
 def test_sent_recordings_are_the_run_that_store_add_makes(

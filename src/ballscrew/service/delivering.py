@@ -10,7 +10,7 @@ import json
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 from urllib.parse import quote
@@ -254,7 +254,9 @@ def _due(session: Session, at: datetime) -> list[int]:
     waiting: set[tuple[str, int]] = set()
     for row in rows:
         concerned = {(row.recipient, axis) for axis in axes[row.id]}
-        if row.not_before <= at.timestamp() and concerned.isdisjoint(waiting):
+        pause = row.not_before - at.timestamp()
+        has_paused = pause <= 0 or pause > _LONGEST_PAUSE  # longer: the clock was set back
+        if has_paused and concerned.isdisjoint(waiting):
             due.setdefault(row.recipient, row.id)
         waiting |= concerned
     return list(due.values())
@@ -353,7 +355,7 @@ def _finish(service: Service, number: int, reason: str, at: datetime) -> None:
             row.status = FAILED
         others = select(Delivery).where(Delivery.status == QUEUED, Delivery.recipient == row.recipient)
         for other in session.scalars(others):
-            other.not_before = max(other.not_before, at.timestamp() + rules.back_off_s)
+            other.not_before = max(other.not_before, at.timestamp() + min(_LONGEST_PAUSE, rules.back_off_s))
 
 
 def send_test(service: Service, recipient: Recipient, at: datetime) -> Delivery:
@@ -377,7 +379,7 @@ def send_test(service: Service, recipient: Recipient, at: datetime) -> Delivery:
     with service.store.write("messages") as session:
         row = Delivery(
             key=delivery_key(recipient.label, TEST, text), recipient=recipient.label, kind=TEST, messages=[],
-            status=QUEUED, attempts=0, not_before=at.timestamp() + timedelta(days=1).total_seconds(),
+            status=QUEUED, attempts=0, not_before=at.timestamp() + _LONGEST_PAUSE,
             created_at=text,
         )  # fmt: skip
         session.add(row)

@@ -22,6 +22,8 @@ PRIORITIES = {ASSESS: 0, ANALYSE: 10}
 
 Clock = Callable[[], float]
 
+_LONGEST_PAUSE = 3600.0  # s between attempts
+
 
 @dataclass(frozen=True, slots=True)
 class Lease:
@@ -75,6 +77,8 @@ def request_assessment(session: Session, axis: Axis) -> None:
 def lease_job(service: Service, clock: Clock = time.time) -> Lease | None:
     """Lease the next job: a lower priority first, then the older one.
 
+    A lease or a pause that ends later than it can was made before the clock was set back, and is void.
+
     Parameters
     ----------
     service : Service
@@ -87,12 +91,10 @@ def lease_job(service: Service, clock: Clock = time.time) -> Lease | None:
     Lease or None
         None if no job is due.
     """
-    at = clock()
-    due = (
-        JobRow.set_aside.is_(False),
-        JobRow.not_before <= at,
-        or_(JobRow.lease_until.is_(None), JobRow.lease_until <= at),
-    )
+    at, settings = clock(), service.settings
+    has_paused = or_(JobRow.not_before <= at, JobRow.not_before > at + _LONGEST_PAUSE)
+    lease_has_ended = or_(JobRow.lease_until <= at, JobRow.lease_until > at + settings.lease_s)
+    due = (JobRow.set_aside.is_(False), has_paused, or_(JobRow.lease_until.is_(None), lease_has_ended))
     found = select(JobRow).where(*due).order_by(JobRow.priority, JobRow.id).limit(1)
     with service.store.read() as session:
         if session.scalar(found) is None:
@@ -101,7 +103,7 @@ def lease_job(service: Service, clock: Clock = time.time) -> Lease | None:
         row = session.scalar(found)
         if row is None:
             return None
-        row.lease, row.lease_until = secrets.token_hex(8), at + service.settings.lease_s
+        row.lease, row.lease_until = secrets.token_hex(8), at + settings.lease_s
         return Lease(row.id, row.lease, row.kind, row.argument)
 
 
@@ -140,7 +142,7 @@ def fail_job(service: Service, lease: Lease, reason: str, clock: Clock = time.ti
         row.attempts += 1
         row.error = reason
         row.lease = row.lease_until = None
-        row.not_before = clock() + settings.back_off_s * 2 ** (row.attempts - 1)
+        row.not_before = clock() + min(_LONGEST_PAUSE, settings.back_off_s * 2.0 ** min(row.attempts - 1, 20))
         row.set_aside = row.attempts >= settings.attempts
         if row.set_aside:
             record(session, "set aside", f"{row.kind} {row.argument}", reason=reason)

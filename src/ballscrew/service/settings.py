@@ -78,7 +78,9 @@ class ServerSettings(BaseSettings):
         600.0, gt=0, description="Time that an analysis may take before its process is killed."
     )
     attempts: int = Field(3, ge=1, description="Attempts after which a run is set aside.")
-    back_off_s: float = Field(30.0, ge=0, description="Pause before the second attempt; doubled each time.")
+    back_off_s: float = Field(
+        30.0, ge=0, description="Pause before the second attempt; doubled each time, up to an hour."
+    )
     upload_idle_s: float = Field(30.0, gt=0, description="Time without a byte that ends an upload.")
     unused_days: float = Field(
         7.0,

@@ -232,8 +232,8 @@ class Worker:
                             self.service.work.wait(_IDLE)
                     continue
                 self.is_ready = self._do(lease)
-            except Exception:  # noqa: BLE001  a worker goes on, whatever it is
-                _log.exception("worker %d", self.number)
+            except Exception as error:  # noqa: BLE001  a worker goes on, whatever it is
+                _log.error("worker %d: %s", self.number, error, exc_info=not isinstance(error, RefusedError))
                 self.service.stopping.wait(_IDLE)
         self._stop()
 
