@@ -67,6 +67,16 @@ def test_under_tls_the_cookie_is_secure_and_no_other_is_read(service: Service) -
         assert client.get("/account", headers={"Cookie": f"ballscrew={value}"}).status_code == 303
 
 
+def test_behind_a_proxy_that_encrypts_the_cookie_is_secure(new_service: NewService) -> None:
+    """Also where the proxy does not forward the scheme."""
+    service = new_service(public_url="https://plant")
+    new_user(service, "anna", "admin")
+    with anonymous(service) as client:
+        name, value, attributes = cookie(sign_in(client))
+        assert (name, "Secure" in attributes) == ("__Host-ballscrew", True)
+        assert client.get("/account", headers={"Cookie": f"{name}={value}"}).status_code == 200
+
+
 def test_a_sign_in_gives_a_new_session_and_ends_the_one_before(service: Service) -> None:
     with anonymous(service) as client:
         client.cookies.set("ballscrew", "chosen-by-an-attacker")

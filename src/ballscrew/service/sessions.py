@@ -78,11 +78,13 @@ def cookie_of(connection: HTTPConnection) -> str | None:
 
 def _cookie_name(connection: HTTPConnection) -> str:
     """Under TLS, a name by which a browser accepts the cookie from this host alone."""
-    return "__Host-ballscrew" if _scheme(connection) == "https" else "ballscrew"
+    return "__Host-ballscrew" if _is_encrypted(connection) else "ballscrew"
 
 
-def _scheme(connection: HTTPConnection) -> str:
-    return str(connection.scope.get("scheme", "http"))
+def _is_encrypted(connection: HTTPConnection) -> bool:
+    """Whether the browser uses TLS: to this server, or to the proxy that ``public_url`` names."""
+    public_url = connection.app.state.service.settings.public_url or ""
+    return connection.scope.get("scheme") == "https" or public_url.startswith("https:")
 
 
 def give_cookie(answer: Response, connection: HTTPConnection, secret: str) -> None:
@@ -96,7 +98,7 @@ def take_cookie(answer: Response, connection: HTTPConnection) -> None:
 
 
 def _attributes(connection: HTTPConnection) -> dict[str, Any]:
-    return {"path": "/", "httponly": True, "samesite": "lax", "secure": _scheme(connection) == "https"}
+    return {"path": "/", "httponly": True, "samesite": "lax", "secure": _is_encrypted(connection)}
 
 
 def begin_session(
