@@ -523,7 +523,7 @@ def test_no_limit_follows_from_a_run_of_another_mass_or_a_doubtful_one(change: s
     found = assess([*healthy, *last])
     assert (found.state, states(found)[-1]) == ("normal", "suspect")
     assert found.set_aside == found.runs[-1:]
-    assert found.why_unassessed.startswith("the newest run was set aside (")
+    assert found.why_unassessed.startswith("the newest run does not count (")
 
 
 def test_a_history_of_a_hundred_years_is_refused() -> None:

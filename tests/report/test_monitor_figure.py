@@ -105,9 +105,9 @@ def test_runs_that_were_set_aside_are_in_the_first_line_with_their_number_and_re
     assert lamp(result) == "suspect"
     line = headline(result)
     assert line.startswith(
-        "bench: NOT JUDGED: the newest 2 runs were set aside (clipped); NORMAL on 2026-01-22"
+        "bench: NOT JUDGED: the newest 2 runs do not count (clipped); NORMAL on 2026-01-22"
     )
-    assert advice(result) == ("Correct what made the newest run be set aside, then run the test again.",)
+    assert advice(result) == ("Correct what makes the newest run not count, then run the test again.",)
 
 
 def test_a_run_without_an_estimate_is_marked_outside_the_scale_and_in_words():

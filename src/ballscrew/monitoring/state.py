@@ -186,10 +186,10 @@ class HealthState:
                 )
         if self.set_aside:
             reason = (*self.set_aside[-1].reading.reasons, "it gives no preload")[0]
-            which = "the newest run was"
+            which = "the newest run does"
             if len(self.set_aside) > 1:
-                which = f"the newest {len(self.set_aside)} runs were"
-            parts.append(f"{which} set aside ({reason})")
+                which = f"the newest {len(self.set_aside)} runs do"
+            parts.append(f"{which} not count ({reason})")
         return "; ".join(parts)
 
     @property

@@ -118,7 +118,7 @@ def advice(monitored: Monitored) -> tuple[str, ...]:
     elif state.state in _ACTIONS:
         actions += _ACTIONS[state.state](state)
     if state.set_aside and state.state != "learning":
-        actions.append("Correct what made the newest run be set aside, then run the test again.")
+        actions.append("Correct what makes the newest run not count, then run the test again.")
     if state.stage is not None and state.stage.II > _GONE and state.urgency != "now":
         actions.append("The preload is probably gone: expect backlash, and replace or preload the nut.")
     return _without_nothing(actions)

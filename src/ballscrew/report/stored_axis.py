@@ -42,7 +42,7 @@ _BECAUSE = {
     "old": "last run is old",
     "no run": "it has no run",
     "future": "its newest run is in the future",
-    "set aside": "its newest run was set aside",
+    "set aside": "its newest run does not count",
     "reset": "it was repaired after its newest run",
 }
 _OLD = ("overdue", "old")
