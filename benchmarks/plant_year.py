@@ -14,6 +14,7 @@ import hashlib
 import json
 import math
 import os
+import re
 import sys
 import tempfile
 from collections import Counter
@@ -219,7 +220,9 @@ class Year:
         raised_at, end = datetime.fromisoformat(alarm["raised_at"]), living.end()
         before = None if end is None else (end - week_of(raised_at)) * 7
         lead = (at - raised_at).total_seconds() / 86400
-        self.findings.append({"alarm": name, "finding": finding, "lead": lead, "before_end": before})
+        axis = alarm["axis"]
+        found_now = {"alarm": name, "axis": axis, "finding": finding, "lead": lead, "before_end": before}
+        self.findings.append(found_now)
         if finding == "preload loss":
             self.repair(living, at, int(week))
 
@@ -386,6 +389,29 @@ def report(year: Year, counts: Counter[str], received: list[dict[str, Any]]) -> 
         if leads and abs(summary["lead_days"][0] - median(leads)) > 0.1:
             wrong.append(f"the server's lead time is {summary['lead_days']}, the recount {median(leads)} d.")
         print(f"precision of the server: {summary['precision']}, lead time {summary['lead_days']}")
+    wrong += _differences_of_page(year)
+    return wrong
+
+
+def _differences_of_page(year: Year) -> list[str]:
+    """Rows of the page of findings that differ from the recount: numbers and median lead time by axis."""
+    page = year.client.get("/findings").text
+    number = r'<td class="number">(\d+)</td>' * 6
+    lead = r'<td class="number" data-value="[^"]*">.*?</td><td class="number" data-value="([^"]*)">'
+    shown = {}
+    for row in re.findall(rf'<th scope="row"><a href="/axes/[^"]*">([^<]+)</a></th>{number}{lead}', page):
+        name, _, _, inspected, confirmed, another, nothing, days = row
+        shown[name] = ([int(each) for each in (inspected, confirmed, another, nothing)], days)
+    wrong = []
+    for name in {each["axis"] for each in year.findings} | set(shown):
+        mine = [each for each in year.findings if each["axis"] == name]
+        sure = [each["lead"] for each in mine if each["finding"] == "preload loss"]
+        count = [len(mine), len(sure), 0, len(mine) - len(sure)]
+        numbers, days = shown.get(name, ([0, 0, 0, 0], ""))
+        is_same_lead = abs(float(days) - median(sure)) < 0.1 if days and sure else not days and not sure
+        if numbers != count or not is_same_lead:
+            wrong.append(f"the page has {numbers} and {days!r} d for {name}, the recount {count} and {sure}.")
+    print(f"rows of the page of findings compared with the recount: {len(shown)}")
     return wrong
 
 

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy import select
 
+from ballscrew.store.opened import OpenStore
 from ballscrew.store.store import Store
-from ballscrew.store.tables import SCHEMA
+from ballscrew.store.tables import SCHEMA, Audit
 
 SCHEMAS = sorted(Path(__file__).parent.glob("schema-*"))
 
@@ -43,3 +45,9 @@ def test_a_store_of_an_earlier_schema_gives_its_answers(folder: Path, tmp_path: 
     assert store.verify(store.path).faults == ()
     assert_contains([store.show("bench"), store.list()], expected)
     assert store.monitor("bench").monitored.state.axis == "bench"
+    with OpenStore(store.path).read() as session:
+        migrated = session.scalars(select(Audit).where(Audit.action == "migrate")).all()
+    schemas = [[folder.name.removeprefix("schema-"), SCHEMA]]
+    assert [row.detail["changed"]["schema"] for row in migrated] == [
+        each for each in schemas if each[0] != SCHEMA
+    ]

@@ -174,11 +174,16 @@ def _caller_with(role: str) -> Callable[[Caller], Caller]:
     def find(caller: AnyCaller) -> Caller:
         if caller.machine is not None:
             raise RefusedError(403, "the token of a machine may only send runs.")
-        if not caller.may(role):
-            raise RefusedError(403, f"this needs the role {role}; {shown(caller.name)} has {caller.role}.")
-        return caller
+        return _check_role(caller, role)
 
     return find
+
+
+def _check_role(caller: Caller, role: str) -> Caller:
+    """A caller who has a role, or one that may do more."""
+    if not caller.may(role):
+        raise RefusedError(403, f"this needs the role {role}; {shown(caller.name)} has {caller.role}.")
+    return caller
 
 
 ViewerCaller = Annotated[Caller, Depends(_caller_with("viewer"))]
@@ -195,9 +200,7 @@ def find_sender(caller: AnyCaller) -> Caller:
     RefusedError
         403 for a viewer.
     """
-    if caller.machine is None and not caller.may("maintainer"):
-        raise RefusedError(403, f"this needs the role maintainer; {shown(caller.name)} has {caller.role}.")
-    return caller
+    return caller if caller.machine is not None else _check_role(caller, "maintainer")
 
 
 def find_signed_in(caller: AnyCaller) -> Caller:

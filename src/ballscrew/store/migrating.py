@@ -10,6 +10,7 @@ from pathlib import Path
 from alembic import command
 from alembic.config import Config
 from sqlalchemy import Connection
+from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import sync_folder
@@ -22,6 +23,7 @@ from ballscrew.store.database import (
     undisturbed,
 )
 from ballscrew.store.folder import DataFolder
+from ballscrew.store.opened import record
 from ballscrew.store.tables import SCHEMA, SCHEMAS
 
 _MIGRATIONS = Path(__file__).parent / "migrations"
@@ -56,6 +58,10 @@ def upgrade(connection: Connection, where: object, *, new: bool = False) -> None
     config.set_main_option("path_separator", "os")
     config.attributes["connection"] = connection
     command.upgrade(config, SCHEMA)
+    if found != SCHEMA:
+        with Session(connection) as session:
+            record(session, "create" if new else "migrate", "store", changed={"schema": [found, SCHEMA]})
+            session.flush()
 
 
 def migrate(path: str | Path) -> str:
