@@ -31,7 +31,8 @@ from ballscrew.monitoring.history import read_history
 from ballscrew.store.adding import METHOD_REVISION, add_model, add_run
 from ballscrew.store.assessing import monitor_axis
 from ballscrew.store.inserting import insert_run
-from ballscrew.store.opened import OpenStore, create_store
+from ballscrew.store.migrating import create_store
+from ballscrew.store.opened import OpenStore
 from ballscrew.store.tables import StateRow
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading

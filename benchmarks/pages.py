@@ -24,7 +24,7 @@ import httpx
 import numpy as np
 
 from ballscrew.store.fleet import simulate_fleet
-from ballscrew.store.opened import create_store
+from ballscrew.store.migrating import create_store
 from benchmarks.machine import heading
 
 _FEWER = 10  # of the requests for the longest documents

@@ -58,7 +58,7 @@ from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.service.working import do_task, finish, task_of
 from ballscrew.store.folder import at_time
-from ballscrew.store.opened import create_store
+from ballscrew.store.migrating import create_store
 from ballscrew.testbed.run import simulate_run
 
 _TYPES = tuple({id(axis.type): axis.type for axis in PLANT}.values())

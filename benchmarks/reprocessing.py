@@ -34,7 +34,8 @@ from ballscrew.modal.analyze import Analysis, AnalysisOptions
 from ballscrew.modal.job import Job
 from ballscrew.store.adding import add
 from ballscrew.store.checking import verify
-from ballscrew.store.opened import OpenStore, create_store
+from ballscrew.store.migrating import create_store
+from ballscrew.store.opened import OpenStore
 from ballscrew.store.tables import Method, ResultRow, RunRow
 from ballscrew.testbed.example import AXIS, PLAN
 from ballscrew.testbed.machine import Machine

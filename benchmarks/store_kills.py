@@ -41,8 +41,8 @@ from ballscrew.store import adding, analysing, database, migrating
 from ballscrew.store.adding import add, add_run
 from ballscrew.store.checking import gc, verify
 from ballscrew.store.copying import backup
-from ballscrew.store.migrating import migrate
-from ballscrew.store.opened import OpenStore, create_store
+from ballscrew.store.migrating import create_store, migrate
+from ballscrew.store.opened import OpenStore
 from ballscrew.store.reprocessing import reprocess
 from ballscrew.store.tables import SCHEMA, RawFile, ResultRow, RunRow
 

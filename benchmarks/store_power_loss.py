@@ -30,7 +30,8 @@ from ballscrew.store import adding
 from ballscrew.store.adding import add, add_run
 from ballscrew.store.checking import gc, verify
 from ballscrew.store.copying import archive, backup
-from ballscrew.store.opened import OpenStore, create_store, tables
+from ballscrew.store.migrating import create_store
+from ballscrew.store.opened import OpenStore, tables
 from ballscrew.store.reprocessing import reprocess
 from ballscrew.store.tables import RunRow
 from benchmarks.store_kills import (

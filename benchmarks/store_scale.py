@@ -23,7 +23,8 @@ from sqlalchemy import select, text
 from ballscrew.modal.run import Run
 from ballscrew.store.adding import add_run
 from ballscrew.store.fleet import simulate_fleet
-from ballscrew.store.opened import OpenStore, create_store
+from ballscrew.store.migrating import create_store
+from ballscrew.store.opened import OpenStore
 from ballscrew.store.reading import find_axis, list_axes, trend
 from ballscrew.store.showing import show_axis
 from ballscrew.store.tables import Axis, ResultRow, unpack

@@ -26,7 +26,7 @@ from ballscrew.service.jobs import ASSESS, lease_job
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.service.working import do_task, finish, task_of
-from ballscrew.store.opened import create_store
+from ballscrew.store.migrating import create_store
 
 CHANNELS = '[[channel]]\nsource = "a"\nquantity = "torque"\nunit = "N m"\n'
 RUN_TOML = """channels = "c.toml"

@@ -25,7 +25,8 @@ from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.checking import verify
 from ballscrew.store.folder import DataFolder, at_time, now
-from ballscrew.store.opened import OpenStore, create_store
+from ballscrew.store.migrating import create_store
+from ballscrew.store.opened import OpenStore
 from ballscrew.store.tables import Axis, ResultRow, RunRow, Source, unpack
 
 PRESENT = datetime(2026, 5, 1, 12, tzinfo=UTC)

@@ -15,7 +15,7 @@ from ballscrew.calibration.modelfile import model_json
 from ballscrew.service.pages import fleet
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
-from ballscrew.store.opened import create_store
+from ballscrew.store.migrating import create_store
 from ballscrew.store.store import Store
 from ballscrew.store.tables import StateRow
 

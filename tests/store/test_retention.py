@@ -17,7 +17,8 @@ from ballscrew.store.assessing import monitor_axis
 from ballscrew.store.checking import gc, verify
 from ballscrew.store.copying import backup
 from ballscrew.store.folder import at_time
-from ballscrew.store.opened import OpenStore, create_store
+from ballscrew.store.migrating import create_store
+from ballscrew.store.opened import OpenStore
 from ballscrew.store.reprocessing import reprocess
 from ballscrew.store.retention import RetentionPolicy, retain
 from ballscrew.store.showing import show_run

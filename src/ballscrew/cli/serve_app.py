@@ -162,7 +162,8 @@ def open_store(data: Path | None, *, create: bool = False) -> OpenStore:
     """Store of a data folder; created if there is none, where that is asked for."""
     from ballscrew.service.settings import default_folder
     from ballscrew.store.folder import DataFolder
-    from ballscrew.store.opened import OpenStore, create_store
+    from ballscrew.store.migrating import create_store
+    from ballscrew.store.opened import OpenStore
 
     folder = data or default_folder()
     if create and not DataFolder(folder).exists():

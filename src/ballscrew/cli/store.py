@@ -39,7 +39,7 @@ def open_store(path: Path | None, name: str = "--store") -> OpenStore:
 
 def init_store(path: Path, database: str | None, *, as_json: bool) -> int:
     """Create a store."""
-    from ballscrew.store.opened import create_store
+    from ballscrew.store.migrating import create_store
 
     store = create_store(path, database=database)
     if as_json:

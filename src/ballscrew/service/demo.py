@@ -37,7 +37,8 @@ from ballscrew.store.adding import reader_of
 from ballscrew.store.alarms import alarm_documents
 from ballscrew.store.findings import CONFIRMED
 from ballscrew.store.folder import DataFolder, at_time, now
-from ballscrew.store.opened import OpenStore, create_store
+from ballscrew.store.migrating import create_store
+from ballscrew.store.opened import OpenStore
 from ballscrew.store.reading import find_axis
 from ballscrew.store.tables import JobRow, Upload
 

@@ -29,7 +29,7 @@ from ballscrew.service.uploads import recover_uploads, remove_unused
 from ballscrew.service.users import LINK_HOURS, address_of_server, first_link
 from ballscrew.service.working import Worker
 from ballscrew.store.folder import DataFolder
-from ballscrew.store.opened import create_store
+from ballscrew.store.migrating import create_store
 from ballscrew.store.retention import RetentionPolicy, retain
 from ballscrew.store.tables import Axis
 

@@ -1,4 +1,4 @@
-"""Versions of the schema: creation, and migration of an older store on a copy."""
+"""Versions of the schema: creation of a store, and migration of an older one on a copy."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from ballscrew.store.database import (
     undisturbed,
 )
 from ballscrew.store.folder import DataFolder
-from ballscrew.store.opened import record
+from ballscrew.store.opened import OpenStore, record
+from ballscrew.store.raw_files import make_folder
 from ballscrew.store.tables import SCHEMA, SCHEMAS
 
 _MIGRATIONS = Path(__file__).parent / "migrations"
@@ -62,6 +63,59 @@ def upgrade(connection: Connection, where: object, *, new: bool = False) -> None
         with Session(connection) as session:
             record(session, "create" if new else "migrate", "store", changed={"schema": [found, SCHEMA]})
             session.flush()
+
+
+def create_store(path: str | Path, *, database: str | None = None) -> OpenStore:
+    """Create an empty store.
+
+    Parameters
+    ----------
+    path : path-like
+        Data folder: created, or empty.
+    database : str, optional
+        URL of an empty PostgreSQL database; by default SQLite in the folder.
+
+    Returns
+    -------
+    OpenStore
+        The store.
+
+    Raises
+    ------
+    InputError
+        If there is a store already, the folder contains other files, or something cannot be written.
+    """
+    folder = DataFolder(Path(path))
+    _check_new(folder)
+    try:
+        make_folder(folder.path)
+        others = [each.name for each in folder.path.iterdir() if not _is_own(each.name)]
+    except OSError as error:
+        raise InputError(f"{path}: cannot be created ({error.strerror or error}).") from None
+    if others:
+        raise InputError(f"{path}: contains other files ({sorted(others)[0]}); give a new folder.")
+    with translated(path), folder.locked("store init"):
+        _check_new(folder)  # another process may have created one meanwhile
+        if database is None:
+            # Of a creation that was killed: a store has store.toml, which is written last.
+            for part in folder.path.glob("store.sqlite*"):
+                part.unlink()
+            folder.sqlite.touch()
+        engine = make_engine(database or sqlite_url(folder.sqlite), writing=True)
+        with engine.begin() as connection:
+            upgrade(connection, path, new=True)
+        folder.create(database)
+    return OpenStore(path)
+
+
+def _check_new(folder: DataFolder) -> None:
+    if folder.exists():
+        raise InputError(f"{folder.path}: is a store already.")
+
+
+def _is_own(name: str) -> bool:
+    """Whether a file is of a creation of a store that was interrupted."""
+    return name in ("files", "server.toml") or name.startswith(("store.", ".store-"))
 
 
 def migrate(path: str | Path) -> str:

@@ -14,7 +14,6 @@ from sqlalchemy.orm import Session
 from ballscrew.base.errors import InputError
 from ballscrew.store.database import check_schema, make_engine, sqlite_url, translated, undisturbed
 from ballscrew.store.folder import DataFolder, actor, now
-from ballscrew.store.raw_files import make_folder
 from ballscrew.store.tables import Audit, Base
 
 SERVER, COMMAND_LINE = "server", "command line"
@@ -168,61 +167,6 @@ def record(session: Session, action: str, subject: str, **detail: Any) -> None:
     newest = select(Audit.checksum).order_by(Audit.id.desc()).limit(1)
     detail["after"] = session.scalar(newest)  # which flushes those before
     session.add(Audit(at=now(), actor=actor(), action=action, subject=subject, detail=detail))
-
-
-def create_store(path: str | Path, *, database: str | None = None) -> OpenStore:
-    """Create an empty store.
-
-    Parameters
-    ----------
-    path : path-like
-        Data folder: created, or empty.
-    database : str, optional
-        URL of an empty PostgreSQL database; by default SQLite in the folder.
-
-    Returns
-    -------
-    OpenStore
-        The store.
-
-    Raises
-    ------
-    InputError
-        If there is a store already, the folder contains other files, or something cannot be written.
-    """
-    from ballscrew.store.migrating import upgrade
-
-    folder = DataFolder(Path(path))
-    _check_new(folder)
-    try:
-        make_folder(folder.path)
-        others = [each.name for each in folder.path.iterdir() if not _is_own(each.name)]
-    except OSError as error:
-        raise InputError(f"{path}: cannot be created ({error.strerror or error}).") from None
-    if others:
-        raise InputError(f"{path}: contains other files ({sorted(others)[0]}); give a new folder.")
-    with translated(path), folder.locked("store init"):
-        _check_new(folder)  # another process may have created one meanwhile
-        if database is None:
-            # Of a creation that was killed: a store has store.toml, which is written last.
-            for part in folder.path.glob("store.sqlite*"):
-                part.unlink()
-            folder.sqlite.touch()
-        engine = make_engine(database or sqlite_url(folder.sqlite), writing=True)
-        with engine.begin() as connection:
-            upgrade(connection, path, new=True)
-        folder.create(database)
-    return OpenStore(path)
-
-
-def _check_new(folder: DataFolder) -> None:
-    if folder.exists():
-        raise InputError(f"{folder.path}: is a store already.")
-
-
-def _is_own(name: str) -> bool:
-    """Whether a file is of a creation of a store that was interrupted."""
-    return name in ("files", "server.toml") or name.startswith(("store.", ".store-"))
 
 
 def tables() -> list[Any]:

@@ -10,16 +10,16 @@ from ballscrew.store import (
     copying,
     fleet,
     migrating,
-    opened,
     reading,
     reporting,
     reprocessing,
     retention,
     showing,
 )
+from ballscrew.store.opened import OpenStore
 
 
-class Store(opened.OpenStore):
+class Store(OpenStore):
     """Store of a fleet: runs, results, raw files, models, events and states of its axes.
 
     Parameters
@@ -39,7 +39,7 @@ class Store(opened.OpenStore):
     >>> store.monitor("X axis of mill 4").monitored.state.state  # doctest: +SKIP
     """
 
-    init = staticmethod(opened.create_store)
+    init = staticmethod(migrating.create_store)
     add = adding.add
     list = reading.list_axes
     show = showing.show

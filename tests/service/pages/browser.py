@@ -35,7 +35,7 @@ from ballscrew.service.app import create_app
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.adding import add_run
-from ballscrew.store.opened import create_store
+from ballscrew.store.migrating import create_store
 
 _PATIENCE = 60_000  # ms: a shared machine can be slow
 expect.set_options(timeout=_PATIENCE)

@@ -30,7 +30,7 @@ from ballscrew.service import pages, reading
 from ballscrew.service.pages.help_topics import TOPICS
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
-from ballscrew.store.opened import create_store
+from ballscrew.store.migrating import create_store
 
 HOSTILE_URL = quote(HOSTILE, safe="")
 RUN_URL = quote(RUNS[3].id)

@@ -16,7 +16,7 @@ from tests.service.people import PASSWORD, new_user
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.service.users import end_sessions_of, first_link
-from ballscrew.store.opened import create_store
+from ballscrew.store.migrating import create_store
 
 
 def make_service(folder: Path) -> Service:

@@ -23,7 +23,7 @@ from ballscrew.service.pages.rendering import format_number, format_percent
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.fleet import simulate_fleet
-from ballscrew.store.opened import create_store
+from ballscrew.store.migrating import create_store
 
 NUMBERS = st.floats(-1e9, 1e9, allow_nan=False) | st.integers(-4000, 4000).map(lambda each: each / 8)
 AXES = 50
