@@ -38,7 +38,8 @@ from tests.simulated_bench import AXIS
 
 from ballscrew.store.checking import verify
 from ballscrew.store.opened import OpenStore
-from ballscrew.store.tables import ResultRow, RunRow, Upload
+from ballscrew.store.service_tables import Upload
+from ballscrew.store.tables import ResultRow, RunRow
 from benchmarks import store_kills
 
 _SHEET = AXIS.replace('"bench"', '"axis"')

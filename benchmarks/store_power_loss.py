@@ -31,8 +31,9 @@ from ballscrew.store.adding import add, add_run
 from ballscrew.store.checking import gc, verify
 from ballscrew.store.copying import archive, backup
 from ballscrew.store.migrating import create_store
-from ballscrew.store.opened import OpenStore, tables
+from ballscrew.store.opened import OpenStore
 from ballscrew.store.reprocessing import reprocess
+from ballscrew.store.service_tables import all_tables
 from ballscrew.store.tables import RunRow
 from benchmarks.store_kills import (
     add_stand_ins,
@@ -336,7 +337,7 @@ def _rows(path: Path) -> object:
     """All rows of a database; the error where they cannot be read."""
     connection = sqlite3.connect(path / "store.sqlite")
     try:
-        return [connection.execute(f'SELECT * FROM "{table.name}"').fetchall() for table in tables()]  # noqa: S608
+        return [connection.execute(f'SELECT * FROM "{table.name}"').fetchall() for table in all_tables()]  # noqa: S608
     except sqlite3.Error as error:
         return error
     finally:

@@ -26,8 +26,9 @@ from ballscrew.store.fleet import simulate_fleet
 from ballscrew.store.migrating import create_store
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.reading import find_axis, list_axes, trend
+from ballscrew.store.rows import unpack
 from ballscrew.store.showing import show_axis
-from ballscrew.store.tables import Axis, ResultRow, unpack
+from ballscrew.store.tables import Axis, ResultRow
 
 _REPEATS = 300
 

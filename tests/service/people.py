@@ -13,7 +13,7 @@ from ballscrew.service.app import create_app
 from ballscrew.service.passwords import hash_password
 from ballscrew.service.serving import Service
 from ballscrew.service.users import add_user, choose_password, list_users
-from ballscrew.store.tables import User
+from ballscrew.store.service_tables import User
 
 PASSWORD = "correct horse battery"  # noqa: S105  of tests
 OWN = {"Origin": "http://localhost"}

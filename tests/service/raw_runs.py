@@ -19,7 +19,7 @@ from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.run import Run
 from ballscrew.service import on_demand
 from ballscrew.service.serving import Service
-from ballscrew.store.tables import Upload
+from ballscrew.store.service_tables import Upload
 
 HOSTILE = "<img src=x onerror=alert(1)>'\".npz"
 RATE, COUNT = 1000.0, 40_000

@@ -18,7 +18,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.service.app import create_app
 from ballscrew.service.serving import Service
 from ballscrew.service.tokens import create_token, list_tokens, revoke_token
-from ballscrew.store.tables import Token
+from ballscrew.store.service_tables import Token
 
 FILE = f"/api/v1/axes/bench/runs/r/files/{sha256(b'x')}"
 CALLERS = (

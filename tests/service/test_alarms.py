@@ -39,7 +39,8 @@ from ballscrew.service.working import finish
 from ballscrew.store.adding import add_run
 from ballscrew.store.assessing import monitor_axis
 from ballscrew.store.changing import exclude
-from ballscrew.store.tables import Audit, Axis, Message, Setup, Trouble
+from ballscrew.store.service_tables import Message, Setup, Trouble
+from ballscrew.store.tables import Audit, Axis
 
 
 def assess(service: Service) -> None:

@@ -29,8 +29,9 @@ from ballscrew.service.alarms import watch_for_silence
 from ballscrew.service.jobs import lease_job
 from ballscrew.service.serving import Service
 from ballscrew.service.working import finish
+from ballscrew.store.service_tables import Setup, Upload
 from ballscrew.store.store import Store
-from ballscrew.store.tables import Audit, RunRow, Setup, Upload
+from ballscrew.store.tables import Audit, RunRow
 
 TRIPS = tuple(FileRef(f"trip{number}.h5", f"{number:02d}" * 32) for number in range(1, 5))
 BAD = replace(RUNS[0].quality, verdict="bad", reasons=("the sensor is loose.",))

@@ -38,7 +38,8 @@ from ballscrew.service.planning import unclosed_alarms
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.opened import OpenStore
-from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, Delivery, Message, Trouble
+from ballscrew.store.service_tables import AlarmAction, Delivery, Message, Trouble
+from ballscrew.store.tables import AlarmRow, Axis
 
 AT = datetime(2026, 3, 2, 10, tzinfo=UTC)
 TO = "anna@plant.example"

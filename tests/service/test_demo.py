@@ -27,7 +27,8 @@ from ballscrew.store.checking import verify
 from ballscrew.store.folder import DataFolder, at_time, now
 from ballscrew.store.migrating import create_store
 from ballscrew.store.opened import OpenStore
-from ballscrew.store.tables import Axis, ResultRow, RunRow, Source, unpack
+from ballscrew.store.rows import unpack
+from ballscrew.store.tables import Axis, ResultRow, RunRow, Source
 
 PRESENT = datetime(2026, 5, 1, 12, tzinfo=UTC)
 _FIRST = WEEKS - 12

@@ -26,7 +26,7 @@ from ballscrew.store.adding import add_run
 from ballscrew.store.changing import exclude
 from ballscrew.store.lamps import EVERY_DAY, URGENCY, RunCalendar, add_lamps
 from ballscrew.store.reporting import report
-from ballscrew.store.tables import Setup
+from ballscrew.store.service_tables import Setup
 
 NEWEST = moment(at(21.0), "a run")
 SCHEDULE = {"period_s": 3 * 86400.0, "grace_s": 86400.0}

@@ -16,7 +16,8 @@ from tests.service.sinks import HookSink, hook_sink, make_certificate
 from ballscrew.service.delivering import plan_messages, send_messages
 from ballscrew.service.serving import Service
 from ballscrew.service.tokens import create_token
-from ballscrew.store.tables import AlarmRow, Audit, Axis, Message
+from ballscrew.store.service_tables import Message
+from ballscrew.store.tables import AlarmRow, Audit, Axis
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,8 @@ from tests.store.stored import RUNS
 from ballscrew.service.serving import Service
 from ballscrew.store.checking import verify
 from ballscrew.store.opened import OpenStore, record
-from ballscrew.store.tables import AlarmAction, Audit, EventRow
+from ballscrew.store.service_tables import AlarmAction
+from ballscrew.store.tables import Audit, EventRow
 
 NUT = {"at": "2026-03-01T08:00Z", "kind": "nut replaced", "text": "by the night shift"}
 

@@ -29,8 +29,9 @@ from tests.store.stored import RUNS, count
 from ballscrew.base.jsonfile import write_json
 from ballscrew.service import runs
 from ballscrew.service.serving import Service
+from ballscrew.store.service_tables import JobRow, Upload
 from ballscrew.store.store import Store
-from ballscrew.store.tables import Conflict, JobRow, ResultRow, RunRow, Upload
+from ballscrew.store.tables import Conflict, ResultRow, RunRow
 
 
 def result(number: int = 0) -> Any:

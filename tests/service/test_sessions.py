@@ -17,8 +17,8 @@ from ballscrew.service.serving import Service
 from ballscrew.service.tokens import create_token, revoke_token
 from ballscrew.service.users import change_role, disable_user
 from ballscrew.store.opened import record
+from ballscrew.store.service_tables import UserSession
 from ballscrew.store.store import Store
-from ballscrew.store.tables import UserSession
 
 
 @pytest.fixture

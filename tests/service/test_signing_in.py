@@ -17,8 +17,9 @@ from ballscrew.service.server import _print_first_link
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.signing_in import Throttle
 from ballscrew.service.users import add_user, disable_user, first_link, new_link
+from ballscrew.store.service_tables import User
 from ballscrew.store.store import Store
-from ballscrew.store.tables import Audit, User
+from ballscrew.store.tables import Audit
 
 
 @pytest.fixture

@@ -19,7 +19,8 @@ from ballscrew.service.jobs import fail_job, lease_job, release_jobs
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.working import Worker, finish, task_of
 from ballscrew.store.adding import add
-from ballscrew.store.tables import JobRow, ResultRow, RunRow
+from ballscrew.store.service_tables import JobRow
+from ballscrew.store.tables import ResultRow, RunRow
 
 OTHER = {"a.h5": b"another", "b.h5": b"run"}
 SECOND = "/api/v1/axes/bench/runs/r2"

@@ -20,8 +20,9 @@ from ballscrew.store.adding import METHOD_REVISION, add_run
 from ballscrew.store.database import schema_of
 from ballscrew.store.folder import DataFolder
 from ballscrew.store.inserting import insert_run
+from ballscrew.store.rows import Base
 from ballscrew.store.store import Store
-from ballscrew.store.tables import SCHEMA, Base, RunRow
+from ballscrew.store.tables import SCHEMA, RunRow
 
 
 def test_the_migrations_make_the_tables(store: Store) -> None:

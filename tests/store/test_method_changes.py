@@ -24,8 +24,9 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import METHOD_CHANGED, Event, moment, read_events
 from ballscrew.store import adding
 from ballscrew.store.adding import add_events, add_model
+from ballscrew.store.rows import checksum_of
 from ballscrew.store.store import Store
-from ballscrew.store.tables import Audit, MethodChange, checksum_of
+from ballscrew.store.tables import Audit, MethodChange
 
 DIFFERENCE = 3e-3  # of the frequencies by revision 2
 Switch = Callable[[int], None]

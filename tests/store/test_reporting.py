@@ -24,8 +24,9 @@ from ballscrew.monitoring.epochs import Event
 from ballscrew.store.adding import add_events, add_model, add_run
 from ballscrew.store.reading import find_axis
 from ballscrew.store.reporting import report
+from ballscrew.store.service_tables import AlarmAction, Setup, Trouble
 from ballscrew.store.store import Store
-from ballscrew.store.tables import AlarmAction, AlarmRow, Audit, MachineRow, Setup, Trouble
+from ballscrew.store.tables import AlarmRow, Audit, MachineRow
 
 TIME = datetime(2026, 2, 12, tzinfo=UTC)
 HOSTILE = "<script>alert(1)<script> $x_1$ \\frac{1}{2} 😀"

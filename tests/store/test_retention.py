@@ -21,8 +21,9 @@ from ballscrew.store.migrating import create_store
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.reprocessing import reprocess
 from ballscrew.store.retention import RetentionPolicy, retain
+from ballscrew.store.service_tables import Upload
 from ballscrew.store.showing import show_run
-from ballscrew.store.tables import AlarmRow, Audit, Axis, RawFile, RecordingRow, RunRow, Upload
+from ballscrew.store.tables import AlarmRow, Audit, Axis, RawFile, RecordingRow, RunRow
 
 RECEIVED = datetime(2026, 1, 1, tzinfo=UTC)
 

@@ -22,7 +22,8 @@ from ballscrew.service.serving import (
 from ballscrew.service.sessions import cookie_of, digest_of, find_session, is_session_open
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.folder import now
-from ballscrew.store.tables import Axis, Token, User
+from ballscrew.store.service_tables import Token, User
+from ballscrew.store.tables import Axis
 
 ROLES = ("viewer", "maintainer", "admin")
 """Each may do what those before it may."""

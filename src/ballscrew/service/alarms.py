@@ -25,17 +25,8 @@ from ballscrew.store.alarms import alarm_document, alarm_documents, alarm_over_a
 from ballscrew.store.findings import stored_finding
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
-from ballscrew.store.tables import (
-    AlarmAction,
-    AlarmRow,
-    Axis,
-    Message,
-    ResultRow,
-    RunRow,
-    Setup,
-    Trouble,
-    Upload,
-)
+from ballscrew.store.service_tables import AlarmAction, Message, Setup, Trouble, Upload
+from ballscrew.store.tables import AlarmRow, Axis, ResultRow, RunRow
 
 router = APIRouter(prefix="/api/v1/alarms")
 

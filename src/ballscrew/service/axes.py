@@ -33,7 +33,8 @@ from ballscrew.store.opened import record
 from ballscrew.store.parts import is_decided, update_parts
 from ballscrew.store.raw_files import text_files
 from ballscrew.store.reading import find_axis
-from ballscrew.store.tables import EventRow, Setup
+from ballscrew.store.service_tables import Setup
+from ballscrew.store.tables import EventRow
 
 router = APIRouter(prefix="/api/v1/axes/{axis}")
 

@@ -25,7 +25,8 @@ from ballscrew.store.methods import used_results
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.raw_files import text_files
 from ballscrew.store.reading import find_axis
-from ballscrew.store.tables import RunRow, unpack
+from ballscrew.store.rows import unpack
+from ballscrew.store.tables import RunRow
 
 router = APIRouter(prefix="/api/v1/axes/{axis}/calibration")
 

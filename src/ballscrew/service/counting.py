@@ -19,7 +19,8 @@ from ballscrew.store.lamps import CLOCK_TOLERANCE
 from ballscrew.store.parts import exclude_parts, include_parts, is_bad
 from ballscrew.store.reading import current_rows
 from ballscrew.store.same_recordings import RecordedRun, check_recordings
-from ballscrew.store.tables import Axis, Exclusion, JobRow, RunRow, Upload
+from ballscrew.store.service_tables import JobRow, Upload
+from ballscrew.store.tables import Axis, Exclusion, RunRow
 
 FAR = 366 * 24 * 3600.0
 """A time that differs by more from the receipt and from every other run of the axis is doubtful, s: a clock

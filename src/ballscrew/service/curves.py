@@ -22,15 +22,8 @@ from ballscrew.store.explaining import find_explanation
 from ballscrew.store.histories import axis_events
 from ballscrew.store.methods import used_results
 from ballscrew.store.reading import current_rows, find_axis, trend
-from ballscrew.store.tables import (
-    Axis,
-    CellRow,
-    EpochRow,
-    ResultRow,
-    RunRow,
-    StateRow,
-    unpack,
-)
+from ballscrew.store.rows import unpack
+from ballscrew.store.tables import Axis, CellRow, EpochRow, ResultRow, RunRow, StateRow
 
 router = APIRouter(prefix="/api/v1/axes/{axis:path}")
 

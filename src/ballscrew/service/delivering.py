@@ -46,14 +46,8 @@ from ballscrew.store.explaining import find_explanation
 from ballscrew.store.histories import batched
 from ballscrew.store.lamps import add_lamps
 from ballscrew.store.reading import assessment_document, newest_runs
-from ballscrew.store.tables import (
-    Assessment,
-    Axis,
-    Delivery,
-    MachineRow,
-    Message,
-    StateRow,
-)
+from ballscrew.store.service_tables import Delivery, Message
+from ballscrew.store.tables import Assessment, Axis, MachineRow, StateRow
 
 _log = logging.getLogger("ballscrew.service")
 

@@ -40,7 +40,7 @@ from ballscrew.store.folder import DataFolder, at_time, now
 from ballscrew.store.migrating import create_store
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.reading import find_axis
-from ballscrew.store.tables import JobRow, Upload
+from ballscrew.store.service_tables import JobRow, Upload
 
 _CALLER = Caller(SITE, None, "admin")
 _PERIOD, _GRACE = timedelta(days=7), timedelta(days=2)

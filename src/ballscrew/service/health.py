@@ -17,7 +17,8 @@ from ballscrew.monitoring.epochs import moment
 from ballscrew.service.access import RunningService, ViewerCaller
 from ballscrew.service.serving import Service
 from ballscrew.service.working import Worker
-from ballscrew.store.tables import Axis, Delivery, JobRow, ResultRow, Upload
+from ballscrew.store.service_tables import Delivery, JobRow, Upload
+from ballscrew.store.tables import Axis, ResultRow
 
 router = APIRouter()
 

@@ -14,7 +14,8 @@ from sqlalchemy.orm import Session
 from ballscrew.service.serving import Service
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
-from ballscrew.store.tables import Axis, JobRow, Model, RunRow
+from ballscrew.store.service_tables import JobRow
+from ballscrew.store.tables import Axis, Model, RunRow
 
 ANALYSE, ASSESS = "analyse", "assess"
 PRIORITIES = {ASSESS: 0, ANALYSE: 10}

@@ -19,7 +19,8 @@ from ballscrew.service.planning import planned_messages
 from ballscrew.service.recipients import EmailRecipient
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.store.opened import record
-from ballscrew.store.tables import Axis, Delivery, Message
+from ballscrew.store.service_tables import Delivery, Message
+from ballscrew.store.tables import Axis
 
 router = APIRouter(prefix="/api/v1/messages")
 

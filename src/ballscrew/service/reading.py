@@ -38,16 +38,9 @@ from ballscrew.store.explaining import find_explanation
 from ballscrew.store.lamps import add_lamps
 from ballscrew.store.opened import record
 from ballscrew.store.reading import find_axis, list_axes
+from ballscrew.store.service_tables import JobRow, Setup, Upload
 from ballscrew.store.showing import axis_document as stored_document
-from ballscrew.store.tables import (
-    Audit,
-    Axis,
-    JobRow,
-    Model,
-    RunRow,
-    Setup,
-    Upload,
-)
+from ballscrew.store.tables import Audit, Axis, Model, RunRow
 
 router = APIRouter(prefix="/api/v1")
 

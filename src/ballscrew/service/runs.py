@@ -32,7 +32,8 @@ from ballscrew.store.inserting import insert_run
 from ballscrew.store.opened import record
 from ballscrew.store.raw_files import copy_out, path_of, text_files
 from ballscrew.store.same_recordings import SameRecordingError, is_same_recording
-from ballscrew.store.tables import Axis, Document, RawFile, RunRow, Setup, Source, Upload
+from ballscrew.store.service_tables import Setup, Upload
+from ballscrew.store.tables import Axis, Document, RawFile, RunRow, Source
 
 router = APIRouter(prefix="/api/v1/axes/{axis}/runs/{run}")
 

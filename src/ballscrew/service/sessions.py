@@ -19,7 +19,7 @@ from ballscrew.base.errors import BallscrewError, printable
 from ballscrew.service.serving import Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.folder import now
-from ballscrew.store.tables import User, UserSession
+from ballscrew.store.service_tables import User, UserSession
 
 _BYTES = 32
 _HOUR, _DAY = 3600.0, 86400.0  # s

@@ -20,7 +20,7 @@ from ballscrew.service.serving import TOO_MANY, RefusedError, Service
 from ballscrew.service.sessions import address_of_client, begin_session, cookie_of, end_sessions, origin_of
 from ballscrew.service.users import choose_password, find_user, invited_user, normal_name
 from ballscrew.store.opened import record
-from ballscrew.store.tables import User, UserSession
+from ballscrew.store.service_tables import User, UserSession
 
 _FREE = {"name": 5, "address": 20}  # attempts without a pause
 _LONGEST = {"name": 60.0, "address": 900.0}  # s; a name longer would lock out its owner

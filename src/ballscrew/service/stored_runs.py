@@ -14,18 +14,9 @@ from ballscrew.service.runs import CONFLICT, document_texts
 from ballscrew.service.serving import RefusedError
 from ballscrew.store.methods import used_result
 from ballscrew.store.reading import current_rows, run_versions
-from ballscrew.store.tables import (
-    Axis,
-    EpochRow,
-    RawFile,
-    RecordingRow,
-    ResultRow,
-    RunRow,
-    Source,
-    StateRow,
-    Upload,
-    unpack,
-)
+from ballscrew.store.rows import unpack
+from ballscrew.store.service_tables import Upload
+from ballscrew.store.tables import Axis, EpochRow, RawFile, RecordingRow, ResultRow, RunRow, Source, StateRow
 
 AMBIGUOUS = 409
 RAW_GONE = "the raw data of this run were not kept"

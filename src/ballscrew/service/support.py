@@ -26,8 +26,9 @@ from ballscrew.base.files import check_folder, replacing
 from ballscrew.service.logs import read_log
 from ballscrew.service.settings import PREFIX, ServerSettings
 from ballscrew.store.folder import DataFolder
-from ballscrew.store.opened import OpenStore, tables
-from ballscrew.store.tables import SCHEMA, JobRow, ResultRow, Upload
+from ballscrew.store.opened import OpenStore
+from ballscrew.store.service_tables import JobRow, Upload, all_tables
+from ballscrew.store.tables import SCHEMA, ResultRow
 
 _LINES = 2000  # of the log
 _PACKAGES = (
@@ -150,7 +151,7 @@ def _checks(folder: DataFolder) -> dict[str, Any]:
 
 def _counts(session: Session) -> dict[str, Any]:
     rows = {}
-    for table in tables():
+    for table in all_tables():
         rows[table.name] = session.scalar(select(func.count()).select_from(table))
     groups = {
         "uploads": select(Upload.status, func.count()).group_by(Upload.status),

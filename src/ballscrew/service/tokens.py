@@ -18,7 +18,8 @@ from ballscrew.service.sessions import digest_of, new_secret
 from ballscrew.service.users import LOCAL, check_role
 from ballscrew.store.folder import now
 from ballscrew.store.opened import OpenStore, record
-from ballscrew.store.tables import MachineRow, Token
+from ballscrew.store.service_tables import Token
+from ballscrew.store.tables import MachineRow
 
 router = APIRouter(prefix="/api/v1/tokens")
 

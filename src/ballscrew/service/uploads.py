@@ -26,7 +26,8 @@ from ballscrew.service.serving import FULL, TOO_LARGE, UNAVAILABLE, UNPROCESSABL
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
 from ballscrew.store.raw_files import INCOMING, ChangedFileError, path_of, put_file
-from ballscrew.store.tables import RawFile, RecordingRow, Source, Upload
+from ballscrew.store.service_tables import Upload
+from ballscrew.store.tables import RawFile, RecordingRow, Source
 
 router = APIRouter(prefix="/api/v1/axes/{axis}/runs/{run}")
 

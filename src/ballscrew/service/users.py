@@ -15,7 +15,7 @@ from ballscrew.service.sessions import digest_of, end_sessions, new_secret
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.folder import now
 from ballscrew.store.opened import OpenStore, record
-from ballscrew.store.tables import Invitation, User, UserSession
+from ballscrew.store.service_tables import Invitation, User, UserSession
 
 LOCAL = "local"
 """Who uses this computer before there is a user, and the command line, in the audit."""

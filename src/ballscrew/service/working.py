@@ -33,7 +33,8 @@ from ballscrew.store.folder import now
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.reading import find_axis
 from ballscrew.store.same_recordings import SameRecordingError
-from ballscrew.store.tables import Axis, JobRow, RawFile, Upload
+from ballscrew.store.service_tables import JobRow, Upload
+from ballscrew.store.tables import Axis, RawFile
 
 _log = logging.getLogger("ballscrew.service")
 

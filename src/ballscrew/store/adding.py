@@ -27,6 +27,7 @@ from ballscrew.store.folder import now
 from ballscrew.store.inserting import Added, axis_row, check_added, check_key, check_text, insert_run
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.raw_files import StoredFile, path_of, put_file
+from ballscrew.store.rows import pack
 from ballscrew.store.tables import (
     Axis,
     Document,
@@ -38,7 +39,6 @@ from ballscrew.store.tables import (
     ResultRow,
     RunRow,
     Source,
-    pack,
 )
 
 METHOD_REVISION = 1

@@ -12,7 +12,8 @@ from sqlalchemy.orm import Session
 from ballscrew.base.reasons import coded_reason
 from ballscrew.monitoring.epochs import moment
 from ballscrew.store.findings import split_finding
-from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, RunRow, StateRow, Trouble
+from ballscrew.store.service_tables import AlarmAction, Trouble
+from ballscrew.store.tables import AlarmRow, Axis, RunRow, StateRow
 
 ENDED = ("ended", "retracted", "closed")
 """States of an alarm or a trouble that does not stand."""

@@ -25,7 +25,7 @@ from ballscrew.modal.job import Job
 from ballscrew.modal.run import Run
 from ballscrew.store.adding import reader_of
 from ballscrew.store.raw_files import materialised, text_files
-from ballscrew.store.tables import pack
+from ballscrew.store.rows import pack
 
 _RUNS_OF_A_TASK = 10  # of Dask at most: as many are analysed again where a worker is killed
 _WAITING = 2  # tasks a worker that are sent to it at the same time

@@ -31,17 +31,8 @@ from ballscrew.store.folder import now
 from ballscrew.store.histories import StoredHistory, batched, history_key, read_stored_history, settings_of
 from ballscrew.store.opened import OpenStore, record, why_read_only
 from ballscrew.store.reading import find_axis
-from ballscrew.store.tables import (
-    AlarmRow,
-    Assessment,
-    Axis,
-    CheckpointRow,
-    EpochRow,
-    Explanation,
-    StateRow,
-    checksum_of_values,
-    pack,
-)
+from ballscrew.store.rows import checksum_of_values, pack
+from ballscrew.store.tables import AlarmRow, Assessment, Axis, CheckpointRow, EpochRow, Explanation, StateRow
 
 _ATTEMPTS = 5  # runs may be added meanwhile
 _REASONS = 10  # of an assessment that are stored

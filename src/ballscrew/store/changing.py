@@ -19,6 +19,7 @@ from ballscrew.store.folder import actor, now
 from ballscrew.store.inserting import check_added, check_text, insert_run
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.reading import find_axis, find_run, newest_version, run_versions
+from ballscrew.store.rows import unpack
 from ballscrew.store.tables import (
     Axis,
     Correction,
@@ -29,7 +30,6 @@ from ballscrew.store.tables import (
     Model,
     ResultRow,
     RunRow,
-    unpack,
 )
 
 SERVER = "server"

@@ -22,13 +22,13 @@ from ballscrew.store.inserting import cell_rows
 from ballscrew.store.migrating import sqlite_faults
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.raw_files import hash_of, path_of
+from ballscrew.store.rows import Base, checksum_of, unpack
+from ballscrew.store.service_tables import all_rows
 from ballscrew.store.tables import (
     Assessment,
     Audit,
     Axis,
-    Base,
     CellRow,
-    Checked,
     Document,
     RawFile,
     RecordingRow,
@@ -36,8 +36,6 @@ from ballscrew.store.tables import (
     RunRow,
     Source,
     StateRow,
-    checksum_of,
-    unpack,
 )
 
 _BATCH = 500  # rows in memory
@@ -137,15 +135,12 @@ def verify(path: str | Path) -> Verification:
 
 def _row_faults(session: Session, counts: list[int]) -> Iterator[str]:
     """Faults of rows: by their checksums, of a result by its RUN.json."""
-    for mapper in Base.registry.mappers:
-        if not issubclass(mapper.class_, Checked):
-            continue
-        for row in session.scalars(select(mapper.class_).execution_options(yield_per=_BATCH)):
+    for kind in all_rows():
+        for row in session.scalars(select(kind).execution_options(yield_per=_BATCH)):
             counts[0] += 1
             if row.checksum != checksum_of(row):
                 key = inspect(row).identity
-                name = mapper.class_.__name__
-                yield f"database: the row {key} of {name} is not that of its checksum"
+                yield f"database: the row {key} of {kind.__name__} is not that of its checksum"
             if row in session:  # a damaged table may have a row twice
                 session.expunge(row)
     query = select(ResultRow, RunRow).join(RunRow, RunRow.id == ResultRow.run_id)

@@ -23,21 +23,14 @@ from ballscrew.store.folder import DataFolder, check_outside_stores
 from ballscrew.store.histories import axis_events
 from ballscrew.store.methods import used_result
 from ballscrew.store.migrating import copy_sqlite, settle, upgrade
-from ballscrew.store.opened import OpenStore, record, tables
+from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.raw_files import clone_file, copy_out, make_folder, path_of
 from ballscrew.store.reading import current_rows, find_axis
 from ballscrew.store.retention import dispensable_files
+from ballscrew.store.rows import unpack
+from ballscrew.store.service_tables import all_tables
 from ballscrew.store.showing import run_document
-from ballscrew.store.tables import (
-    Axis,
-    Document,
-    Model,
-    RawFile,
-    RecordingRow,
-    RunRow,
-    Source,
-    unpack,
-)
+from ballscrew.store.tables import Axis, Document, Model, RawFile, RecordingRow, RunRow, Source
 
 _ATTEMPTS = 5  # files may be removed meanwhile
 _BATCH = 1000  # rows in memory
@@ -123,7 +116,7 @@ def _copy_database(store: OpenStore, target: Path) -> None:
 
 def _copy_rows(source: Connection, target: Connection) -> None:
     """Copy all rows of a database into one without rows."""
-    for table in tables():
+    for table in all_tables():
         rows = source.execute(select(table).execution_options(yield_per=_BATCH)).mappings()
         for batch in rows.partitions():
             target.execute(insert(table), list(map(dict, batch)))

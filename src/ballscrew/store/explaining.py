@@ -13,7 +13,8 @@ from ballscrew.base.jsonfile import plain
 from ballscrew.base.reasons import coded
 from ballscrew.prognosis.monitor import Monitored
 from ballscrew.report.monitor_words import advice, headline, headline_parts, lamp
-from ballscrew.store.tables import Axis, Explanation, unpack
+from ballscrew.store.rows import unpack
+from ballscrew.store.tables import Axis, Explanation
 
 _BY_RUN = ("runs", "epochs", "made", "schema")  # stored as rows
 _MOST_DAYS = 120  # of the forecast that are stored

@@ -13,7 +13,8 @@ from sqlalchemy.orm import Session
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.monitoring.epochs import moment
-from ballscrew.store.tables import AlarmAction, AlarmRow, Axis, MachineRow, RunRow, StateRow
+from ballscrew.store.service_tables import AlarmAction
+from ballscrew.store.tables import AlarmRow, Axis, MachineRow, RunRow, StateRow
 
 CONFIRMED, OTHER, NOTHING = "preload loss", "another cause", "nothing found"
 """What is found by an inspection; another cause is stored as ``another cause: CAUSE``."""

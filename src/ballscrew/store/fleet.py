@@ -23,6 +23,7 @@ from ballscrew.recording.quality.finding import Quality
 from ballscrew.store.folder import now
 from ballscrew.store.inserting import axis_row, method_row
 from ballscrew.store.opened import OpenStore, record
+from ballscrew.store.rows import pack
 from ballscrew.store.tables import (
     Assessment,
     CellRow,
@@ -33,7 +34,6 @@ from ballscrew.store.tables import (
     ResultRow,
     RunRow,
     StateRow,
-    pack,
 )
 
 _BEGIN = datetime(2021, 1, 4, 6, tzinfo=UTC)

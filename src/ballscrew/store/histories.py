@@ -22,7 +22,8 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Event
 from ballscrew.store.methods import UsedResult, method_events, used_results
 from ballscrew.store.reading import current_rows, find_axis, find_method, find_model, shared_recordings
-from ballscrew.store.tables import Axis, CheckpointRow, EventRow, Exclusion, Method, ResultRow, unpack
+from ballscrew.store.rows import unpack
+from ballscrew.store.tables import Axis, CheckpointRow, EventRow, Exclusion, Method, ResultRow
 
 Key = TypeVar("Key", int, str)
 

@@ -17,18 +17,9 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
+from ballscrew.store.rows import pack, unpack
 from ballscrew.store.same_recordings import RecordedRun, check_recordings
-from ballscrew.store.tables import (
-    Axis,
-    CellRow,
-    Conflict,
-    Method,
-    RecordingRow,
-    ResultRow,
-    RunRow,
-    pack,
-    unpack,
-)
+from ballscrew.store.tables import Axis, CellRow, Conflict, Method, RecordingRow, ResultRow, RunRow
 
 _LONGEST_NAME = 200  # characters of a name or an id, which are keys
 _SAME = 1e-6  # relative: the same recordings on another processor

@@ -15,18 +15,8 @@ from ballscrew.monitoring.epochs import BEGINS, moment
 from ballscrew.report.what_to_do import what_to_do
 from ballscrew.store.alarms import standing_alarms, to_close
 from ballscrew.store.explaining import stored_advice
-from ballscrew.store.tables import (
-    Axis,
-    EventRow,
-    Exclusion,
-    Explanation,
-    JobRow,
-    ResultRow,
-    RunRow,
-    Setup,
-    StateRow,
-    Upload,
-)
+from ballscrew.store.service_tables import JobRow, Setup, Upload
+from ballscrew.store.tables import Axis, EventRow, Exclusion, Explanation, ResultRow, RunRow, StateRow
 
 URGENCY = {
     "alarm": 0, "unloaded": 0, "watch": 1, "suspect": 2, "unknown": 3, "not assessed": 4, "learning": 5,

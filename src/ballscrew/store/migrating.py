@@ -59,10 +59,13 @@ def upgrade(connection: Connection, where: object, *, new: bool = False) -> None
     config.set_main_option("path_separator", "os")
     config.attributes["connection"] = connection
     command.upgrade(config, SCHEMA)
-    if found != SCHEMA:
-        with Session(connection) as session:
-            record(session, "create" if new else "migrate", "store", changed={"schema": [found, SCHEMA]})
-            session.flush()
+
+
+def _record(connection: Connection, action: str, found: str | None) -> None:
+    """Add the change of the schema to the audit."""
+    with Session(connection) as session:
+        record(session, action, "store", changed={"schema": [found, SCHEMA]})
+        session.flush()
 
 
 def create_store(path: str | Path, *, database: str | None = None) -> OpenStore:
@@ -104,6 +107,7 @@ def create_store(path: str | Path, *, database: str | None = None) -> OpenStore:
         engine = make_engine(database or sqlite_url(folder.sqlite), writing=True)
         with engine.begin() as connection:
             upgrade(connection, path, new=True)
+            _record(connection, "create", None)
         folder.create(database)
     return OpenStore(path)
 
@@ -145,14 +149,15 @@ def migrate(path: str | Path) -> str:
         engine = make_engine(url or sqlite_url(folder.sqlite), writing=True)
         with engine.begin() as connection:
             found = schema_of(connection)
-            if url is not None:
+            if url is not None and found != SCHEMA:
                 upgrade(connection, path)
+                _record(connection, "migrate", found)
         if url is None and found != SCHEMA:
-            _migrate_copy(folder)
+            _migrate_copy(folder, found)
     return str(found)
 
 
-def _migrate_copy(folder: DataFolder) -> None:
+def _migrate_copy(folder: DataFolder, found: str | None) -> None:
     copy = folder.path / "store.migrating"
     for name in (copy.name, f"{copy.name}-wal", f"{copy.name}-journal"):
         (folder.path / name).unlink(missing_ok=True)  # of a migration that was killed
@@ -167,6 +172,7 @@ def _migrate_copy(folder: DataFolder) -> None:
     engine = make_engine(sqlite_url(copy), writing=True)
     with engine.begin() as connection:
         upgrade(connection, folder.path)
+        _record(connection, "migrate", found)
     faults = sqlite_faults(copy)
     if faults:
         raise InputError(f"{folder.path}: the migration was abandoned: {faults[0]}.")

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from ballscrew.base.errors import InputError
 from ballscrew.store.database import check_schema, make_engine, sqlite_url, translated, undisturbed
 from ballscrew.store.folder import DataFolder, actor, now
-from ballscrew.store.tables import Audit, Base
+from ballscrew.store.tables import Audit
 
 SERVER, COMMAND_LINE = "server", "command line"
 """Places from which something is requested, besides the addresses of clients."""
@@ -167,8 +167,3 @@ def record(session: Session, action: str, subject: str, **detail: Any) -> None:
     newest = select(Audit.checksum).order_by(Audit.id.desc()).limit(1)
     detail["after"] = session.scalar(newest)  # which flushes those before
     session.add(Audit(at=now(), actor=actor(), action=action, subject=subject, detail=detail))
-
-
-def tables() -> list[Any]:
-    """Tables of the schema, each after those that its rows refer to."""
-    return list(Base.metadata.sorted_tables)

@@ -18,16 +18,9 @@ from ballscrew.store.changing import amend_result
 from ballscrew.store.inserting import insert_run
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.reading import find_axis, find_method
+from ballscrew.store.rows import unpack
 from ballscrew.store.switching import compare_results, find_target, stored_files, switch_axis
-from ballscrew.store.tables import (
-    Axis,
-    Document,
-    Method,
-    ResultRow,
-    RunRow,
-    Source,
-    unpack,
-)
+from ballscrew.store.tables import Axis, Document, Method, ResultRow, RunRow, Source
 
 
 def reprocess(

@@ -15,16 +15,8 @@ from ballscrew.monitoring.epochs import moment
 from ballscrew.store.folder import now
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.raw_files import path_of
-from ballscrew.store.tables import (
-    AlarmRow,
-    Axis,
-    EpochRow,
-    RawFile,
-    RecordingRow,
-    RunRow,
-    StateRow,
-    Upload,
-)
+from ballscrew.store.service_tables import Upload
+from ballscrew.store.tables import AlarmRow, Axis, EpochRow, RawFile, RecordingRow, RunRow, StateRow
 
 _MOST_DAYS = 36_500.0
 _FINISHED = ("done", "conflict")  # uploads whose files wait for no analysis

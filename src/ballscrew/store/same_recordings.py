@@ -14,7 +14,8 @@ from ballscrew.modal.amend import SUPERSEDES
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
 from ballscrew.store.reading import current_rows, run_versions
-from ballscrew.store.tables import Axis, RecordingRow, ResultRow, RunRow, unpack
+from ballscrew.store.rows import unpack
+from ballscrew.store.tables import Axis, RecordingRow, ResultRow, RunRow
 
 _BELONGS = " belongs to the run "
 

@@ -30,6 +30,7 @@ from ballscrew.store.reading import (
     shared_recordings,
     trend,
 )
+from ballscrew.store.rows import unpack
 from ballscrew.store.tables import (
     AlarmRow,
     Assessment,
@@ -46,7 +47,6 @@ from ballscrew.store.tables import (
     RunRow,
     Source,
     StateRow,
-    unpack,
 )
 
 

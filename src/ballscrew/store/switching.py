@@ -22,6 +22,7 @@ from ballscrew.store.folder import actor, now
 from ballscrew.store.histories import batched
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.reading import current_rows, find_axis, find_method, find_model, run_versions
+from ballscrew.store.rows import unpack
 from ballscrew.store.tables import (
     Axis,
     CellRow,
@@ -33,7 +34,6 @@ from ballscrew.store.tables import (
     ResultRow,
     RunRow,
     Source,
-    unpack,
 )
 
 _MOST_PAIRS = 100  # runs from which a step is estimated

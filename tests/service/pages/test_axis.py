@@ -26,7 +26,8 @@ from ballscrew.store.adding import add_sheet
 from ballscrew.store.assessing import monitor_axis
 from ballscrew.store.fleet import simulate_fleet
 from ballscrew.store.migrating import create_store
-from ballscrew.store.tables import CellRow, Explanation, ResultRow, StateRow, pack, unpack
+from ballscrew.store.rows import pack, unpack
+from ballscrew.store.tables import CellRow, Explanation, ResultRow, StateRow
 
 HOSTILE = """<script>alert("x") <img src=x onerror=y> 'ä' ?a=b#c% &amp; {{ 7 * 7 }}"""
 

@@ -10,7 +10,7 @@ from tests.service.conftest import FILES, SETUP, NewService, client_of, work_off
 from tests.service.pages.browser import HOSTILE, Window, serving
 
 from ballscrew.service.serving import Service
-from ballscrew.store.tables import Upload
+from ballscrew.store.service_tables import Upload
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from ballscrew.service.serving import Service
 from ballscrew.service.sessions import end_sessions, give_cookie, open_sessions
 from ballscrew.service.signing_in import RunningThrottle, change_password
 from ballscrew.store.opened import record
-from ballscrew.store.tables import UserSession
+from ballscrew.store.service_tables import UserSession
 
 router = APIRouter(include_in_schema=False)
 

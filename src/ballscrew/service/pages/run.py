@@ -28,8 +28,9 @@ from ballscrew.service.stored_runs import (
 )
 from ballscrew.store.copying import file_name
 from ballscrew.store.reading import current_rows, run_versions, trend
+from ballscrew.store.service_tables import Upload
 from ballscrew.store.showing import run_document
-from ballscrew.store.tables import Correction, Exclusion, RunRow, Upload
+from ballscrew.store.tables import Correction, Exclusion, RunRow
 
 router = APIRouter(include_in_schema=False)
 

@@ -27,7 +27,8 @@ from ballscrew.service.runs import setup_texts
 from ballscrew.service.serving import UNPROCESSABLE, RefusedError, Service
 from ballscrew.store.raw_files import text_files
 from ballscrew.store.reading import find_axis
-from ballscrew.store.tables import Axis, MachineRow, Setup
+from ballscrew.store.service_tables import Setup
+from ballscrew.store.tables import Axis, MachineRow
 
 router = APIRouter(include_in_schema=False)
 

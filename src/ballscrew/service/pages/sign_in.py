@@ -16,7 +16,7 @@ from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.sessions import end_sessions, give_cookie, take_cookie
 from ballscrew.service.signing_in import RunningThrottle, follow_link, sign_in, user_of_link
 from ballscrew.store.opened import record
-from ballscrew.store.tables import UserSession
+from ballscrew.store.service_tables import UserSession
 
 router = APIRouter(include_in_schema=False)
 

@@ -18,7 +18,8 @@ from ballscrew.service.serving import Service
 from ballscrew.service.settings import plain_setting
 from ballscrew.service.tokens import list_tokens
 from ballscrew.store.alarms import standing_alarms
-from ballscrew.store.tables import Axis, RawFile, Upload
+from ballscrew.store.service_tables import Upload
+from ballscrew.store.tables import Axis, RawFile
 
 router = APIRouter(include_in_schema=False)
 

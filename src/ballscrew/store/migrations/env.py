@@ -2,7 +2,8 @@
 
 from alembic import context
 
-from ballscrew.store.tables import Base
+from ballscrew.store import service_tables  # noqa: F401  whose tables belong to the metadata
+from ballscrew.store.rows import Base
 
 context.configure(
     connection=context.config.attributes["connection"], target_metadata=Base.metadata, render_as_batch=True

@@ -3,7 +3,7 @@
 import sqlalchemy as sa
 from alembic import op
 
-from ballscrew.store.tables import checksum_of_values
+from ballscrew.store.rows import checksum_of_values
 
 revision = "0005"
 down_revision = "0004"
