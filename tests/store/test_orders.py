@@ -126,6 +126,8 @@ class Orders(RuleBasedStateMachine):
         assert count(self.store, RunRow) == len(self.runs) + len(self.first) + len(self.others)
         assert count(self.store, Conflict) == len(self.conflicts)
         assert self.store.verify(self.store.path).faults == ()
+        for writing in (False, True):
+            self.store.engine(writing=writing).dispose()  # a server of PostgreSQL has 100 connections
 
 
 @pytest.mark.parametrize("orders", [12, pytest.param(200, marks=pytest.mark.slow)])
