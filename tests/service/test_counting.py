@@ -141,6 +141,18 @@ def test_the_most_complete_part_counts_while_the_whole_is_excluded(
     assert counting(client) == {"incomplete"}  # the other one is excluded by a person
 
 
+def test_a_store_without_its_server_lets_the_part_count_too(client: TestClient, service: Service) -> None:
+    for name, trips in (("incomplete", "12"), ("complete", "123")):
+        send_trips(client, name, trips)
+    store = Store(service.store.path)
+    store.exclude("complete", reason="a test")
+    assert counting(client) == {"incomplete"}
+    store.exclude("complete", undo=True)
+    assert counting(client) == {"complete"}
+    store.exclude("incomplete", undo=True)
+    assert counting(client) == {"incomplete", "complete"}
+
+
 def test_a_part_counts_once_the_whole_is_bad(client: TestClient) -> None:
     send_trips(client, "incomplete", "12")
     send_trips(client, "complete", "123")

@@ -247,7 +247,6 @@ def correct_store(
 
     if model is None:
         found = correct_run(store, subject, measured_at=measured_at, mass=mass, reason=reason)
-        _update_parts(store, found)
         return _report({"run": found, "supersedes": subject}, f"Corrected; its id is now {found}.", as_json)
     if measured_at is not None or mass is not None:
         raise InputError("--model is for an axis, --measured-at and --mass are for a run; give one of them.")
@@ -267,24 +266,10 @@ def _report(document: dict[str, Any], sentence: str, as_json: bool) -> int:
 def exclude_store(store: OpenStore, subject: str, *, reason: str, undo: bool, as_json: bool) -> int:
     """Exclude a run or an event, or include it again."""
     from ballscrew.store.changing import exclude
-    from ballscrew.store.parts import is_decided
 
-    with store.read() as session:
-        decided = undo and is_decided(session, subject)
     found = exclude(store, subject, reason=reason, undo=undo)
-    if not decided:
-        _update_parts(store, found)
     done = "Included" if undo else "Excluded"
     return _report({"id": found, "excluded": not undo}, f"{done}: {found}.", as_json)
-
-
-def _update_parts(store: OpenStore, subject: str) -> None:
-    """Let the parts of a run of a split upload count, or not, as after a request to the server."""
-    from ballscrew.store.folder import actor
-    from ballscrew.store.parts import update_parts
-
-    with store.write("parts") as session:
-        update_parts(session, subject, actor())
 
 
 def archive_store(store: OpenStore, axis: str, to: Path, *, newest: int, as_json: bool) -> int:

@@ -30,7 +30,6 @@ from ballscrew.store.changing import choose_model, correct_run, exclude
 from ballscrew.store.folder import now
 from ballscrew.store.histories import read_stored_history
 from ballscrew.store.opened import record
-from ballscrew.store.parts import is_decided, update_parts
 from ballscrew.store.raw_files import text_files
 from ballscrew.store.reading import find_axis
 from ballscrew.store.service_tables import Setup
@@ -192,12 +191,7 @@ def _exclude(
 ) -> dict[str, Any]:
     """Exclude a run or an event, or include it where there is no reason, and assess its axis."""
     subject = _find(service, axis, kind, subject, caller)
-    with service.store.read() as session:
-        decided = reason is None and is_decided(session, subject)  # a person wants both to count
     exclude(service.store, subject, reason=reason or "", undo=reason is None, by=caller.name)
-    if not decided:
-        with service.store.write("parts") as session:
-            update_parts(session, subject, caller.name)
     _assess_soon(service, axis)
     return {"schema": SCHEMA, "axis": axis, "id": subject, "excluded": reason is not None}
 
@@ -218,8 +212,6 @@ def correct_stored_run(
         reason=body.reason,
         by=caller.name,
     )
-    with service.store.write("parts") as session:
-        update_parts(session, new, caller.name)
     _assess_soon(service, axis)
     return {"schema": SCHEMA, "axis": axis, "id": new, "supersedes": run}
 

@@ -14,7 +14,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
 from ballscrew.service.jobs import ANALYSE
-from ballscrew.store.changing import SERVER, insert_exclusion
+from ballscrew.store.exclusions import SERVER, insert_exclusion
 from ballscrew.store.lamps import CLOCK_TOLERANCE
 from ballscrew.store.parts import exclude_parts, include_parts, is_bad
 from ballscrew.store.reading import current_rows

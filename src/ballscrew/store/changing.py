@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,25 +15,23 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.fcft.plan import read_plan
 from ballscrew.modal.amend import amend
 from ballscrew.modal.run import Run
+from ballscrew.store.exclusions import SERVER, end_exclusions, id_of, insert_exclusion
 from ballscrew.store.folder import actor, now
 from ballscrew.store.inserting import check_added, check_text, insert_run
 from ballscrew.store.opened import OpenStore, record
-from ballscrew.store.reading import find_axis, find_run, newest_version, run_versions
+from ballscrew.store.parts import is_part, update_parts
+from ballscrew.store.reading import find_axis, find_run, newest_version
 from ballscrew.store.rows import unpack
 from ballscrew.store.tables import (
     Axis,
     Correction,
     Document,
     EventRow,
-    Exclusion,
     Method,
     Model,
     ResultRow,
     RunRow,
 )
-
-SERVER = "server"
-"""Actor of the exclusion of a run whose time is doubtful; a correction of the time ends it."""
 
 
 def correct_run(
@@ -90,6 +88,7 @@ def correct_run(
             _record_corrections(session, row, new, reason, by or actor())
         if measured_at is not None:
             end_exclusions(session, row, "its time was corrected.", by or actor(), (SERVER,))
+        update_parts(session, new, by or actor())
     return new
 
 
@@ -274,80 +273,12 @@ def exclude(
         found: EventRow | RunRow | None = _find_event(session, subject)
         if found is None:
             found = find_run(session, subject)
+        identity = id_of(found)
+        both_count = undo and is_part(session, identity)  # a person wants a part to count too
         if undo:
             end_exclusions(session, found, reason, by)
         else:
             insert_exclusion(session, found, reason, by)
-        return _id_of(found)
-
-
-def insert_exclusion(session: Session, row: RunRow | EventRow, reason: str, by: str) -> None:
-    """Exclude a run or an event, unless it is excluded.
-
-    Parameters
-    ----------
-    session : Session
-        Writing.
-    row : RunRow or EventRow
-        Its row.
-    reason : str
-        Why.
-    by : str
-        Who wants it.
-    """
-    if standing_exclusions(session, row):
-        return
-    exclusion = Exclusion(reason=reason, actor=by, begun_at=now())
-    if isinstance(row, EventRow):
-        exclusion.event_id = row.id
-    else:
-        exclusion.run_id = row.id
-    session.add(exclusion)
-    _record_counting(session, "exclude", row, reason, by)
-
-
-def standing_exclusions(session: Session, row: RunRow | EventRow) -> Sequence[Exclusion]:
-    """Exclusions of an event, or of any version of a run, that have not ended."""
-    of_subject = Exclusion.event_id == row.id
-    if isinstance(row, RunRow):
-        of_subject = Exclusion.run_id.in_(run_versions(session, row))
-    return session.scalars(select(Exclusion).where(of_subject, Exclusion.ended_at.is_(None))).all()
-
-
-def end_exclusions(
-    session: Session, row: RunRow | EventRow, reason: str, by: str, actors: Sequence[str] = ()
-) -> None:
-    """End the exclusions of a run or an event, or only those by some actors.
-
-    Parameters
-    ----------
-    session : Session
-        Writing.
-    row : RunRow or EventRow
-        Its row.
-    reason : str
-        Why.
-    by : str
-        Who wants it.
-    actors : sequence of str
-        Whose exclusions end; by default everyone's.
-    """
-    found = []
-    for exclusion in standing_exclusions(session, row):
-        if not actors or exclusion.actor in actors:
-            exclusion.ended_at = now()
-            found.append(exclusion)
-    if found:
-        _record_counting(session, "include", row, reason, by)
-
-
-def _record_counting(session: Session, action: str, row: RunRow | EventRow, reason: str, by: str) -> None:
-    """Mark the axis of a run or an event as changed, and record whether it counts now."""
-    axis, counts = session.get_one(Axis, row.axis_id), action == "include"
-    axis.changed_at = now()
-    changed = {"counts": [not counts, counts]}
-    record(session, action, _id_of(row), axis=axis.name, reason=reason, by=by, changed=changed)
-
-
-def _id_of(row: RunRow | EventRow) -> str:
-    return row.digest if isinstance(row, EventRow) else row.run
+        if not both_count:
+            update_parts(session, identity, by)
+        return identity

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from ballscrew.store.changing import end_exclusions, insert_exclusion, standing_exclusions
+from ballscrew.store.exclusions import end_exclusions, insert_exclusion, standing_exclusions
 from ballscrew.store.reading import current_rows, find_run, newest_version, run_versions
 from ballscrew.store.tables import Axis, Exclusion, RecordingRow, ResultRow, RunRow
 
@@ -38,17 +38,10 @@ def exclude_parts(session: Session, axis: Axis, run: RunRow, by: str) -> None:
         insert_exclusion(session, row, reason, by)
 
 
-def is_decided(session: Session, subject: str) -> bool:
-    """Whether to include a run means that both count: another with its recordings does. Not of an event."""
-    found = session.scalars(
-        select(RunRow.run).where(RunRow.run.startswith(subject, autoescape=True)).limit(2)
-    )
-    runs = found.all()
-    return len(runs) == 1 and _is_part(session, runs[0])
-
-
-def _is_part(session: Session, run: str) -> bool:
-    """Whether a run is excluded because another with its recordings counts."""
+def is_part(session: Session, run: str) -> bool:
+    """Whether a run is excluded because another with its recordings counts. Not of an event."""
+    if session.scalar(select(RunRow.id).where(RunRow.run == run)) is None:
+        return False
     reasons = [each.reason for each in standing_exclusions(session, find_run(session, run))]
     return any(reason.startswith((_PART, _BAD)) for reason in reasons)
 
