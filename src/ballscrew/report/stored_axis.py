@@ -117,7 +117,9 @@ def state_words(axis: StoredAxis) -> StateWords:
     document = axis.document
     lamp, state = document["lamp"], document["last_state"] or document["state"]
     if lamp["because"] is not None and lamp["state"] == UNKNOWN:
-        return StateWords(UNKNOWN, f"unknown, {_BECAUSE[lamp['because']]}; {state} before")
+        return StateWords(
+            UNKNOWN, f"unknown, {_BECAUSE[lamp['because']]}; {state} before{_waiting(document)}"
+        )
     if lamp["state"] == UNKNOWN:
         return StateWords(UNKNOWN, f"unknown, {state} before" if document["last_state"] else UNKNOWN)
     words = str(lamp["state"])
@@ -125,9 +127,12 @@ def state_words(axis: StoredAxis) -> StateWords:
         words += ", urgent"
     if document["reasons"]:
         words += " (suspect)"
-    if document["waiting"]:
-        words += f", {plural(document['waiting'], 'run')} waiting"
-    return StateWords(lamp["state"], words)
+    return StateWords(lamp["state"], words + _waiting(document))
+
+
+def _waiting(document: dict[str, Any]) -> str:
+    """How many runs wait for their analysis or assessment."""
+    return f", {plural(document['waiting'], 'run')} waiting" if document["waiting"] else ""
 
 
 def measurement_words(axis: StoredAxis) -> str:

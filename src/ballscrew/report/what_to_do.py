@@ -21,6 +21,7 @@ WAIT = "Wait for the next assessment, or assess the axis: 'ballscrew monitor AXI
 
 _OF_TROUBLES = {"silence": OVERDUE, "measurement": BAD, "assessment": REFUSED}
 _OF_REASONS = {"old": OLD, "overdue": OLD, "bad": BAD}
+_LATE = ("old", "overdue")  # a run that waits may show the present state
 _URGENT = ("alarm", "unloaded")  # states whose advice comes before that on the measurement
 _STALE = ("do-repeat", "do-next-good")  # codes of advice that an old newest run makes invalid
 _CORRECT = "do-correct"  # the same as BAD
@@ -32,7 +33,7 @@ def what_to_do(document: Mapping[str, Any], advice: Sequence[str]) -> list[str]:
     Parameters
     ----------
     document : mapping
-        Of the axis, with ``lamp`` and ``measurement``; and, where they are known, ``changed_at``,
+        Of the axis, with ``lamp`` and ``measurement``; and, where known, ``waiting``, ``changed_at``,
         ``assessed_at``, ``runs``, ``missing`` and ``refusal``.
     advice : sequence of str
         Of the newest assessment, see :func:`~ballscrew.report.monitor_words.advice`; none where the history
@@ -69,7 +70,7 @@ def _of_measurement(document: Mapping[str, Any]) -> Iterator[str]:
     if document["lamp"]["because"] == "reset":
         yield RESET
     elif because in _OF_REASONS and OVERDUE not in actions:
-        yield _OF_REASONS[because]
+        yield WAIT if because in _LATE and document.get("waiting") else _OF_REASONS[because]
     if because == "future":
         yield FUTURE
     if because == "no run" and not (document.get("runs") or document.get("missing") or actions):
