@@ -20,8 +20,7 @@ NO_RUN = "Run the test: the axis has no run yet."
 WAIT = "Wait for the next assessment, or assess the axis: 'ballscrew monitor AXIS --store DIR'."
 
 _OF_TROUBLES = {"silence": OVERDUE, "measurement": BAD, "assessment": REFUSED}
-_OF_REASONS = {"old": OLD, "overdue": OLD, "bad": BAD}
-_LATE = ("old", "overdue")  # a run that waits may show the present state
+_OF_REASONS = {"old": OLD, "overdue": OLD, "bad": BAD, "waiting": WAIT}
 _URGENT = ("alarm", "unloaded")  # states whose advice comes before that on the measurement
 _STALE = ("do-repeat", "do-next-good")  # codes of advice that an old newest run makes invalid
 _CORRECT = "do-correct"  # the same as BAD
@@ -64,17 +63,23 @@ def action_on(trouble: str) -> str:
 
 def _of_measurement(document: Mapping[str, Any]) -> Iterator[str]:
     """Actions on the measurement, and on runs that are missing."""
-    because = document["measurement"]["because"]
+    because = _because(document)
     actions = [action_on(each["kind"]) for each in document["measurement"]["troubles"]]
     yield from actions
     if document["lamp"]["because"] == "reset":
         yield RESET
     elif because in _OF_REASONS and OVERDUE not in actions:
-        yield WAIT if because in _LATE and document.get("waiting") else _OF_REASONS[because]
+        yield _OF_REASONS[because]
     if because == "future":
         yield FUTURE
     if because == "no run" and not (document.get("runs") or document.get("missing") or actions):
         yield NO_RUN
+
+
+def _because(document: Mapping[str, Any]) -> str | None:
+    """Why the newest run does not show the present state; a run that waits may show it."""
+    because: str | None = document["measurement"]["because"]
+    return "waiting" if because in ("old", "overdue") and document.get("waiting") else because
 
 
 def _of_assessment(document: Mapping[str, Any]) -> Iterator[str]:
