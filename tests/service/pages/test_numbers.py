@@ -104,6 +104,25 @@ def test_page_api_and_command_line_have_the_same_numbers(
     assert count >= 200
 
 
+@pytest.mark.slow
+def test_the_report_of_the_fleet_has_the_numbers_of_the_api(plant: Service, tmp_path: Path) -> None:
+    with client_of(plant) as client:
+        answer = client.get("/api/v1/axes").json()["axes"]
+    out = tmp_path / "fleet.html"
+    assert run(["report", "--data", str(plant.store.path), "--out", str(out)]) == 0
+    text = out.read_text(encoding="utf-8")
+    rows = dict(re.findall(r'<td><a href="#axis-\d+">([^<]*)</a></td>(.*?)</tr>', text, re.DOTALL))
+    assert set(rows) == {axis["axis"] for axis in answer}
+    count = 0
+    for axis in answer:
+        assert f">{interval_words(axis['stiffness'])}<" in rows[axis["axis"]]
+        count += 3
+        if axis["rul_days"]:
+            assert life_words(axis["rul_days"]).replace(" days", "") in rows[axis["axis"]].replace(" days", "")
+            count += 3
+    assert count >= 200
+
+
 def test_a_stored_run_has_the_same_numbers_on_pages_from_the_api_the_command_line_and_in_the_report(
     plant: Service, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
