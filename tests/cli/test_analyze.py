@@ -38,7 +38,7 @@ def test_the_json_is_the_run(ballscrew, rig, result):
     assert {c["method"] for c in document["cells"]} == {"joint"}
 
 
-@pytest.mark.parametrize("method", ["joint", "paper"])
+@pytest.mark.parametrize("method", ["joint", pytest.param("paper", marks=pytest.mark.slow)])
 def test_the_document_does_not_depend_on_the_order_of_files_or_the_number_of_threads(
     rig, method, monkeypatch
 ):
