@@ -87,7 +87,7 @@ def test_one_thing_is_to_be_done_first(alarmed):
     causes = (HistoryCause("bearing", 0.9, "softening"), HistoryCause("nut", 0.1, "softening"))
     bearing = replace(state, causes=causes)
     first, second = advice(replace(alarmed, state=bearing))[:2]
-    assert first.startswith("The most likely cause is not the nut but the bearing")
+    assert first == "Check the bearing first: it is the most likely cause, not the nut."
     assert second.startswith("If that is not it, order a nut")
     both = replace(state, causes=(HistoryCause("both", 0.9, ""), HistoryCause("nut", 0.1, "")))
     assert "Check the support bearing too" in advice(replace(alarmed, state=both))[1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from itertools import chain, combinations, product
 from typing import Any
 
@@ -87,6 +88,13 @@ def test_no_combination_contradicts_itself() -> None:
         if not measurement["recent"] or because == "reset":
             assert not set(PAST) & set(found)
     assert [text for text in sentences if coded_reason(text) is None] == []
+
+
+def test_a_repeat_is_advised_for_half_a_day() -> None:
+    document = axis("watch", newest_at="2026-01-04T08:00:00Z")
+    for hours, expected in ((11, [AGAIN, ORDER]), (13, [ORDER])):
+        at = datetime(2026, 1, 4, 8, tzinfo=UTC) + timedelta(hours=hours)
+        assert what_to_do(document, (AGAIN, ORDER), at) == expected
 
 
 @pytest.mark.parametrize(

@@ -39,6 +39,7 @@ from ballscrew.service.working import finish
 from ballscrew.store.adding import add_run
 from ballscrew.store.assessing import monitor_axis
 from ballscrew.store.changing import exclude
+from ballscrew.store.folder import at_time
 from ballscrew.store.service_tables import Message, Setup, Trouble
 from ballscrew.store.tables import Audit, Axis
 
@@ -229,6 +230,23 @@ def test_silence_is_raised_once_and_ends_with_the_next_run(client: TestClient, s
     watch_for_silence(service)
     assert alarms(client)[0]["state"] == "ended"
     assert messages(service) == [("trouble-1/1", "raised"), ("trouble-1/2", "ended")]
+
+
+def test_silence_begins_when_the_run_was_overdue_and_a_late_analysis_does_not_end_it(
+    client: TestClient, service: Service
+) -> None:
+    client.put("/api/v1/axes/bench", json=SETUP | {"schedule": {"period_s": 3600, "grace_s": 60}})
+    begin = datetime.now(UTC)
+    send(client)
+    later = begin + timedelta(hours=2)
+    watch_for_silence(service, later)
+    (alarm,) = alarms(client)
+    overdue = datetime.fromisoformat(alarm["began_at"]) - begin
+    assert timedelta(seconds=3660) <= overdue < timedelta(seconds=3720)
+    with at_time(later):
+        work_off(service, lambda _: ("done", (RUNS[0].to_json(), [])))
+    watch_for_silence(service, later + timedelta(minutes=1))
+    assert [each["state"] for each in alarms(client) if each["kind"] == "silence"] == ["raised"]
 
 
 def test_a_schedule_that_is_removed_ends_its_alarm(client: TestClient, service: Service) -> None:

@@ -168,7 +168,7 @@ def _other_cause(state: HealthState) -> tuple[str, ...]:
     """Cause to check first, unless it is or may be the nut."""
     if not state.causes or state.causes[0].cause in ("nut", "both", UNDECIDED):
         return ()
-    return (f"The most likely cause is not the nut but the {state.causes[0].cause}: check that first.",)
+    return (f"Check the {state.causes[0].cause} first: it is the most likely cause, not the nut.",)
 
 
 def _alarm(state: HealthState) -> tuple[str, ...]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime, timedelta
 from typing import Any
 
 from ballscrew.base.reasons import coded_reason
+from ballscrew.monitoring.epochs import moment
 from ballscrew.report.monitor_words import NOTHING
 
 OVERDUE = "Run the test, or find out why no run arrives: it is overdue."
@@ -22,11 +24,13 @@ WAIT = "Wait for the next assessment, or assess the axis: 'ballscrew monitor AXI
 _OF_TROUBLES = {"silence": OVERDUE, "measurement": BAD, "assessment": REFUSED}
 _OF_REASONS = {"old": OLD, "overdue": OLD, "bad": BAD, "waiting": WAIT}
 _URGENT = ("alarm", "unloaded")  # states whose advice comes before that on the measurement
-_STALE = ("do-repeat", "do-next-good")  # codes of advice that an old newest run makes invalid
+_REPEAT = "do-repeat"
+_REPEATABLE = timedelta(hours=12)  # as the advice states; later, the next planned run decides
+_STALE = (_REPEAT, "do-next-good")  # codes of advice that an old newest run makes invalid
 _CORRECT = "do-correct"  # the same as BAD
 
 
-def what_to_do(document: Mapping[str, Any], advice: Sequence[str]) -> list[str]:
+def what_to_do(document: Mapping[str, Any], advice: Sequence[str], at: datetime | None = None) -> list[str]:
     """Sentences on what to do, the first action first; never an action beside *nothing to do*.
 
     Parameters
@@ -37,6 +41,8 @@ def what_to_do(document: Mapping[str, Any], advice: Sequence[str]) -> list[str]:
     advice : sequence of str
         Of the newest assessment, see :func:`~ballscrew.report.monitor_words.advice`; none where the history
         has changed since.
+    at : datetime, optional
+        The present time, after which a repeat may be too late.
 
     Returns
     -------
@@ -44,7 +50,7 @@ def what_to_do(document: Mapping[str, Any], advice: Sequence[str]) -> list[str]:
         One or more.
     """
     measures = [*_of_measurement(document), *_of_assessment(document)]
-    advised = _valid(document, advice)
+    advised = _valid(document, advice, at)
     found = [*measures, *advised]
     if document["lamp"]["state"] in _URGENT:
         found = [*advised, *measures]
@@ -93,18 +99,26 @@ def _of_assessment(document: Mapping[str, Any]) -> Iterator[str]:
         yield WAIT
 
 
-def _valid(document: Mapping[str, Any], advice: Sequence[str]) -> list[str]:
+def _valid(document: Mapping[str, Any], advice: Sequence[str], at: datetime | None) -> list[str]:
     """Advice of the newest assessment that holds now."""
     if document["lamp"]["because"] == "reset":
         return []
-    omitted: tuple[str, ...] = ()
-    if not document["measurement"]["recent"]:
-        omitted = _STALE
-    if any(each["kind"] == "measurement" for each in document["measurement"]["troubles"]):
-        omitted += (_CORRECT,)
+    omitted = _omitted(document, at)
     found = []
     for sentence in advice:
         reason = coded_reason(sentence)
         if reason is None or reason.code not in omitted:
             found.append(sentence)
     return found
+
+
+def _omitted(document: Mapping[str, Any], at: datetime | None) -> tuple[str, ...]:
+    """Codes of advice that holds no longer, or that another sentence contains."""
+    omitted: tuple[str, ...] = ()
+    if not document["measurement"]["recent"]:
+        omitted = _STALE
+    elif at is not None and at > moment(document["newest_at"], "newest_at") + _REPEATABLE:
+        omitted = (_REPEAT,)
+    if any(each["kind"] == "measurement" for each in document["measurement"]["troubles"]):
+        omitted += (_CORRECT,)
+    return omitted

@@ -31,6 +31,7 @@ from ballscrew.store.tables import AlarmRow, Axis, ResultRow, RunRow
 router = APIRouter(prefix="/api/v1/alarms")
 
 SILENCE, MEASUREMENT, ASSESSMENT = "silence", "measurement", "assessment"
+_MOST_DOUBTED = 100  # newest uploads among which one without doubt is looked for
 _ARRIVED = ("queued", "done", "set aside")  # states of what was sent that is no run of another content
 _LONGEST_TEXT = 4000  # characters of the text of a trouble
 _ACTIONS = {"acknowledge": "acknowledged", "shelve": "shelved", "close": "closed", "reopen": "raised"}
@@ -310,37 +311,41 @@ def watch_for_silence(service: Service, at: datetime | None = None) -> None:
     """
     at = at or datetime.now(UTC)
     with service.store.read() as session:
-        late: dict[int, str | None] = {}
+        late: dict[int, tuple[str, str] | None] = {}
         for setup in session.scalars(select(Setup).where(Setup.period_s.is_not(None))):
             late[setup.axis_id] = _silent_since(session, service.settings, setup, at)
         standing = select(Trouble.axis_id).where(Trouble.kind == SILENCE, Trouble.ended_at.is_(None))
         raised = set(session.scalars(standing))
     late |= dict.fromkeys(raised - late.keys())  # of a schedule that was removed
     changed = False
-    for axis, since in late.items():
-        if (axis in raised) != (since is not None):
+    for axis, silence in late.items():
+        if (axis in raised) != (silence is not None):
+            since, began_at = silence or ("", None)
             with service.store.write("silence") as session:
                 row = session.get_one(Axis, axis)
-                changed |= _set_trouble(session, row, SILENCE, since, f"no run since {since}: overdue.")
+                changed |= _set_trouble(session, row, SILENCE, began_at, f"no run since {since}: overdue.")
     if changed:
         service.announce()
 
 
-def _silent_since(session: Session, settings: ServerSettings, setup: Setup, at: datetime) -> str | None:
-    """Time of the newest run of an axis, or of its set-up, if the next run is overdue; else None.
+def _silent_since(
+    session: Session, settings: ServerSettings, setup: Setup, at: datetime
+) -> tuple[str, str] | None:
+    """Receipt of the newest run of an axis, or its set-up, and when the next was overdue; None if it is not.
 
-    A run whose time is doubtful does not count.
+    What was sent counts from its receipt, also where its analysis came later. A run whose time is doubtful
+    does not count.
     """
     of_axis = (RunRow.axis_id == setup.axis_id, RunRow.id.not_in(doubted_runs()))
-    added = session.scalar(select(func.max(RunRow.received_at)).where(*of_axis))
+    is_sent = select(Upload.id).where(Upload.run == RunRow.run).exists()
+    added = session.scalar(select(func.max(RunRow.received_at)).where(*of_axis, ~is_sent))
     newest = max(added or setup.set_up_at, setup.set_up_at)
     later = select(Upload).where(Upload.axis_id == setup.axis_id, Upload.received_at > newest)
-    later = later.where(Upload.status.in_(_ARRIVED))
-    sent = session.scalars(later.order_by(Upload.received_at)).all()
-    for upload, doubt in zip(sent, doubts_of(session, sent), strict=True):
-        if doubt is None:
+    later = later.where(Upload.status.in_(_ARRIVED)).order_by(Upload.received_at.desc())
+    for upload in session.scalars(later.limit(_MOST_DOUBTED)).all():
+        if doubts_of(session, [upload]) == [None]:
             newest = upload.received_at
+            break
     patience = timedelta(seconds=(setup.period_s or 0.0) + (setup.grace_s or 0.0))
-    if at <= settings.calendar.after(moment(newest, "received_at"), patience):
-        return None
-    return newest
+    overdue_at = settings.calendar.after(moment(newest, "received_at"), patience)
+    return None if at <= overdue_at else (newest, overdue_at.isoformat())

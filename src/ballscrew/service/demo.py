@@ -22,6 +22,7 @@ from ballscrew.base.provenance import hash_file
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.fcft.planfile import plan_toml
 from ballscrew.modal.run import Run
+from ballscrew.monitoring.epochs import moment
 from ballscrew.reproduction.plant import CHANNELS, PLANT, SITE, PlantAxis
 from ballscrew.reproduction.plant_runs import AxisHistory, make_history
 from ballscrew.service.access import Caller
@@ -41,6 +42,7 @@ from ballscrew.store.migrating import create_store
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.reading import find_axis
 from ballscrew.store.service_tables import JobRow, Upload
+from ballscrew.store.tables import AlarmRow
 
 _CALLER = Caller(SITE, None, "admin")
 _PERIOD, _GRACE = timedelta(days=7), timedelta(days=2)
@@ -165,6 +167,7 @@ def make_plant(
         for lease, future in assessments:
             progress(len(axes), len(axes), f"assessing {lease.argument}")
             finish(service, lease, *future.result())
+        plant.date_alarms()
         for writing in (False, True):
             service.store.engine(writing=writing).dispose()
     data.create(None, simulated=True)
@@ -303,6 +306,14 @@ class _Plant:
             if silent < self.present:
                 with at_time(silent):
                     watch_for_silence(self.service, silent)
+
+    def date_alarms(self) -> None:
+        """Let each alarm be raised when its run was received, as by a server that was there."""
+        with self.service.store.write("serve --demo") as session:
+            for row in session.scalars(select(AlarmRow)):
+                received = moment(row.began_at, "began_at") + _RECEIVED
+                if moment(row.raised_at, "raised_at") > received + timedelta(days=1):
+                    row.raised_at = received.isoformat(timespec="milliseconds")
 
     def _add_runs(self, axis: PlantAxis, runs: Sequence[tuple[datetime, int, Run]]) -> None:
         """Add imitated tests, as those that were analysed at the machine, in one transaction."""

@@ -110,7 +110,7 @@ def add_lamps(
             because = "reset"
         document["lamp"] = _lamp(_known_state(document), because)
         closing = to_close(alarms, _known_state(document))
-        document["to_do"] = coded_actions(document, [*closing, *advice.get(name, ())])
+        document["to_do"] = coded_actions(document, [*closing, *advice.get(name, ())], at)
 
 
 def _add_measurement(
@@ -132,9 +132,9 @@ def _add_measurement(
     document["measurement"] = {"troubles": _troubles(alarms), "recent": recent, "because": because}
 
 
-def coded_actions(document: dict[str, Any], advice: Sequence[str]) -> list[dict[str, Any]]:
+def coded_actions(document: dict[str, Any], advice: Sequence[str], at: datetime) -> list[dict[str, Any]]:
     """What to do on an axis with lamps, as sentences with their codes and parameters."""
-    return [coded(sentence) for sentence in what_to_do(document, advice)]
+    return [coded(sentence) for sentence in what_to_do(document, advice, at)]
 
 
 def _known_state(document: dict[str, Any]) -> str:

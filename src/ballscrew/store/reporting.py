@@ -156,7 +156,7 @@ def _read(store: OpenStore, name: str, at: datetime, calendar: RunCalendar) -> S
     if explained is None and monitored is not None:  # of an assessment by an earlier version
         explained = explanation(monitored)
         closing = to_close(alarms[:standing], document["last_state"] or document["state"])
-        document["to_do"] = coded_actions(document, [*closing, *explained["actions"]])
+        document["to_do"] = coded_actions(document, [*closing, *explained["actions"]], at)
     return StoredAxis(
         document=document,
         place=place,

@@ -26,7 +26,7 @@ def test_alarms_come_before_troubles_and_are_acted_on(client: TestClient, servic
         report_bad_measurement(session, find_axis(session, "bench"), "2026-03-02T08:00Z", [HOSTILE])
     page = get(client, "/alarms")
     assert "Standing (2)" in page
-    assert page.index("loss of preload</span>") < page.index("bad measurement</span>")
+    assert page.index("loss of stiffness</span>") < page.index("bad measurement</span>")
     assert "<script>alert" not in page
     answer = post(client, "/alarms/alarm-1", action="acknowledge")
     assert (answer.status_code, answer.headers["location"]) == (303, "/alarms?done=acknowledge")
@@ -46,6 +46,20 @@ def test_alarms_come_before_troubles_and_are_acted_on(client: TestClient, servic
     assert "Standing (0)" in get(client, "/alarms?axis=none")
     assert post(client, "/alarms/alarm-1", action="reopen").status_code == 303
     assert "Standing (2)" in get(client, "/alarms")
+
+
+def test_a_finding_is_stated_on_an_alarm_that_ended_by_itself(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fill_axis(client, service)
+    monkeypatch.setattr("ballscrew.store.alarms.alarm_over_at", lambda *_: "2026-03-02T08:00:00+00:00")
+    page = get(client, "/alarms?show=ended")
+    assert "Standing (0)" in page
+    assert "State a finding" in page
+    form = {"action": "close", "text": "nothing is loose", "finding": "nothing found"}
+    assert post(client, "/alarms/alarm-1", **form).status_code == 303
+    assert "State a finding" not in get(client, "/alarms")
+    assert client.get("/api/v1/findings").json()["all"]["inspected"] == 1
 
 
 @pytest.mark.parametrize(

@@ -95,6 +95,7 @@ def show_signals_page(
     return render(
         request, "run_signals.html", found=found, recordings=recordings, file=file, cell=cell, span=span,
         marks=[mark for mark in marks if mark["file"] == file], is_known=is_known,
+        shown=of_cell[0] if span else None,
     )  # fmt: skip
 
 
