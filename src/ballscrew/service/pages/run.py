@@ -86,16 +86,17 @@ def show_signals_page(
             result = result_document(session, found.axis, found.row)
             marks = [_mark(each, result["cells"]) for each in result["transients"]]
         is_known = stated_of(session, found) is not None
-    span = None
+    span, shown = None, None
     if cell is not None:
         of_cell = [mark for mark in marks if mark["cell"] == cell]
         of_cell.sort(key=lambda mark: (mark["repetition"] == 0, mark["file"], mark["start_s"]))
         if of_cell:
-            file, span = of_cell[0]["file"], (of_cell[0]["start_s"] - _BEFORE, of_cell[0]["stop_s"] + _AFTER)
+            shown = of_cell[0]
+            file, span = shown["file"], (shown["start_s"] - _BEFORE, shown["stop_s"] + _AFTER)
     return render(
         request, "run_signals.html", found=found, recordings=recordings, file=file, cell=cell, span=span,
         marks=[mark for mark in marks if mark["file"] == file], is_known=is_known,
-        shown=of_cell[0] if span else None,
+        shown=shown,
     )  # fmt: skip
 
 
