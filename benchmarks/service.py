@@ -314,7 +314,7 @@ def measure_verdict(folder: Path, port: int, bench: Path, number: int) -> None:
             begin = time.perf_counter()
             url, files = f"/api/v1/axes/bench/runs/{day}", []
             for path in sorted(bench.glob("preload-4-percent-trip*.h5")):
-                content = path.read_bytes()
+                content = path.read_bytes() + bytes([day])  # the same recordings are one run
                 sha256 = hashlib.sha256(content).hexdigest()
                 client.put(f"{url}/files/{sha256}", content=content).raise_for_status()
                 files.append({"name": path.name, "sha256": sha256})
