@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping
 from datetime import UTC, date, datetime
 from decimal import Decimal
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 from urllib.parse import parse_qsl, quote, urlencode
@@ -33,6 +33,8 @@ LANGUAGES = ("en", "de")
 
 _COOKIE = "ballscrew_language"
 _YEAR = 365 * 86400  # s
+_MOST_CACHED = 20_000  # numbers and times of a fleet
+_MOST_SENTENCES, _LONGEST_CACHED = 2000, 1000  # sentences in memory, and characters of one
 _HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' "
     "data:; connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'",
@@ -168,10 +170,14 @@ def sign_of(state: str) -> str:
 
 def format_number(value: float | None, decimals: int, language: str) -> str:
     """Number with a fixed number of decimals, rounded as the command line does; a dash for None."""
-    if value is None:
-        return "–"
+    return "–" if value is None else _localized(f"{value:.{decimals}f}", decimals, language)
+
+
+@lru_cache(maxsize=_MOST_CACHED)
+def _localized(text: str, decimals: int, language: str) -> str:
+    """A rounded number as a language has it."""
     pattern = "#,##0" + ("." + "0" * decimals if decimals else "")
-    return format_decimal(Decimal(f"{value:.{decimals}f}"), pattern, locale=language).replace("-", MINUS)
+    return format_decimal(Decimal(text), pattern, locale=language).replace("-", MINUS)
 
 
 def significant(value: float, digits: int, language: str) -> str:
@@ -190,6 +196,7 @@ def format_percent(interval: list[float] | None, language: str) -> str:
     return interval_words(interval, lambda value, decimals: format_number(value, decimals, language), gettext)
 
 
+@lru_cache(maxsize=_MOST_CACHED)
 def format_moment(text: str | None, language: str) -> str:
     """Time in UTC, to the minute; a dash for None. The browser replaces it by local time."""
     if text is None:
@@ -199,6 +206,12 @@ def format_moment(text: str | None, language: str) -> str:
 
 def page_sentence(text: str, language: str, *, part: bool = False) -> str:
     """A reason, or an action, in a language, with its numbers and times as all those of the pages."""
+    find = _sentence if len(text) <= _LONGEST_CACHED else _sentence.__wrapped__
+    return find(text, language, part)
+
+
+@lru_cache(maxsize=_MOST_SENTENCES)
+def _sentence(text: str, language: str, part: bool) -> str:
     gettext = translations(language).gettext
     reader = ReaderLanguage(
         lambda template: gettext(page_template(template)), lambda value: _shown(value, language)
