@@ -149,7 +149,7 @@ def test_page_fleet_api_report_and_command_line_say_the_same_to_do(
     assert [each["text"] for each in axis["to_do"]] == actions
     fleet = unescape(client.get("/").text)
     first = actions[0].split(": ")[0]
-    assert f'<td class="do">{first} <a href="/axes/bench#axis-do">and 2 more</a></td>' in fleet
+    assert f'<td class="do">{first} <a href="/axes/bench#axis-do">and 2 more steps</a></td>' in fleet
     assert 'href="/setup">Set up an axis</a>' in fleet
     store, out = str(service.store.path), tmp_path / "axis.html"
     capsys.readouterr()
