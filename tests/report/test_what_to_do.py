@@ -91,10 +91,12 @@ def test_no_combination_contradicts_itself() -> None:
 
 
 def test_a_repeat_is_advised_for_half_a_day() -> None:
-    document = axis("watch", newest_at="2026-01-04T08:00:00Z")
-    for hours, expected in ((11, [AGAIN, ORDER]), (13, [ORDER])):
-        at = datetime(2026, 1, 4, 8, tzinfo=UTC) + timedelta(hours=hours)
-        assert what_to_do(document, (AGAIN, ORDER), at) == expected
+    later = {"watch": [CATALOGUE["reasons"]["do-again-soon"]], "normal": [NOTHING]}
+    for state, expected in later.items():
+        document = axis(state, newest_at="2026-01-04T08:00:00Z")
+        begin = datetime(2026, 1, 4, 8, tzinfo=UTC)
+        assert what_to_do(document, (AGAIN,), begin + timedelta(hours=11)) == [AGAIN]
+        assert what_to_do(document, (AGAIN,), begin + timedelta(hours=13)) == expected
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,9 @@ _UNLOADED = (
     "baseline was measured with it too (ballscrew plan --gentle)."
 )
 NOTHING = "Nothing to do: run the test again as planned."
+AGAIN_SOON = (
+    "Run the test again soon, in the same way: the change exceeds chance, but not yet the alarm limit."
+)
 """Advice where there is no other."""
 _AGAIN = "one run cannot distinguish an outlier from wear. Later than that, the next planned test decides."
 
@@ -158,10 +161,7 @@ def _normal(_: HealthState) -> tuple[str, ...]:
 
 
 def _watch(state: HealthState) -> tuple[str, ...]:
-    again = (
-        "Run the test again soon, in the same way: the change exceeds chance, but not yet the alarm limit."
-    )
-    return (again, *_other_cause(state))
+    return (AGAIN_SOON, *_other_cause(state))
 
 
 def _other_cause(state: HealthState) -> tuple[str, ...]:

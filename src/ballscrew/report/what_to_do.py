@@ -8,7 +8,7 @@ from typing import Any
 
 from ballscrew.base.reasons import coded_reason
 from ballscrew.monitoring.epochs import moment
-from ballscrew.report.monitor_words import NOTHING
+from ballscrew.report.monitor_words import AGAIN_SOON, NOTHING
 
 OVERDUE = "Run the test, or find out why no run arrives: it is overdue."
 OLD = "Run the test: the newest run is too old to show the present state."
@@ -103,22 +103,29 @@ def _valid(document: Mapping[str, Any], advice: Sequence[str], at: datetime | No
     """Advice of the newest assessment that holds now."""
     if document["lamp"]["because"] == "reset":
         return []
-    omitted = _omitted(document, at)
+    omitted = _omitted(document)
     found = []
     for sentence in advice:
         reason = coded_reason(sentence)
-        if reason is None or reason.code not in omitted:
+        code = None if reason is None else reason.code
+        if code == _REPEAT and _is_late(document, at):
+            found.append(AGAIN_SOON if document["lamp"]["state"] == "watch" else NOTHING)
+        elif code not in omitted:
             found.append(sentence)
     return found
 
 
-def _omitted(document: Mapping[str, Any], at: datetime | None) -> tuple[str, ...]:
+def _is_late(document: Mapping[str, Any], at: datetime | None) -> bool:
+    """Whether it is too late to repeat the newest run: the next planned one decides."""
+    recent = document["measurement"]["recent"]
+    return bool(recent and at and at > moment(document["newest_at"], "newest_at") + _REPEATABLE)
+
+
+def _omitted(document: Mapping[str, Any]) -> tuple[str, ...]:
     """Codes of advice that holds no longer, or that another sentence contains."""
     omitted: tuple[str, ...] = ()
     if not document["measurement"]["recent"]:
         omitted = _STALE
-    elif at is not None and at > moment(document["newest_at"], "newest_at") + _REPEATABLE:
-        omitted = (_REPEAT,)
     if any(each["kind"] == "measurement" for each in document["measurement"]["troubles"]):
         omitted += (_CORRECT,)
     return omitted
