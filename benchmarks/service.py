@@ -5,7 +5,8 @@
 ``--steady 30`` the memory over 30 minutes of runs and page views, and ``--kills 100`` kills the server, a
 worker or a sender, or stops a worker, at random moments while three senders send: nothing that was
 acknowledged may be lost or doubled. With ``--full FOLDER``, on a small file system, the data folder is there,
-and its disk is filled at random moments, too. In all but ``--verdicts`` the analysis is one that takes
+and its disk is filled at random moments, too; ``--readers 40`` kills processes that read files. In all but
+``--verdicts`` and ``--readers`` the analysis is one that takes
 ``--analysis`` seconds and no processor time.
 """
 
@@ -84,10 +85,13 @@ class Process:
         Port.
     analysis : float or None
         Seconds of an imitated analysis; None for the real one.
+    **settings
+        Of the server with the real one.
     """
 
-    def __init__(self, folder: Path, port: int, analysis: float | None) -> None:
+    def __init__(self, folder: Path, port: int, analysis: float | None, **settings: Any) -> None:
         self.folder, self.port, self.analysis = folder, port, analysis
+        self.settings = {f"BALLSCREW_SERVER_{name.upper()}": str(value) for name, value in settings.items()}
         self.url = f"http://127.0.0.1:{port}"
         self.process: subprocess.Popen[bytes] | None = None
         self.stopped: list[int] = []
@@ -96,7 +100,7 @@ class Process:
         """Start it; seconds until it is ready."""
         command = [sys.executable, "-m", "ballscrew", "serve", "--data", str(self.folder)]
         command += ["--port", str(self.port)]
-        environment = dict(os.environ)
+        environment = os.environ | self.settings
         if self.analysis is not None:
             command = [
                 sys.executable,
@@ -137,14 +141,17 @@ class Process:
         """Numbers of the processes of its workers."""
         assert self.process is not None
         found = []
-        for path in Path("/proc").glob("[0-9]*"):
+        for number in children(self.process.pid):
             with suppress(OSError):
-                is_child = path.joinpath("stat").read_text().rsplit(")", 1)[1].split()[1] == str(
-                    self.process.pid
-                )
-                if is_child and b"spawn_main" in path.joinpath("cmdline").read_bytes():
-                    found.append(int(path.name))
+                if b"spawn_main" in Path(f"/proc/{number}/cmdline").read_bytes():
+                    found.append(number)
         return found
+
+    def readers(self) -> list[int]:
+        """Numbers of the processes that read a file, and of those that start them."""
+        starting = [number for worker in self.workers() for number in children(worker)]
+        reading = [number for each in starting for number in children(each)]
+        return starting + reading if reading else []
 
     def memory(self) -> tuple[float, float]:
         """Resident memory of the server, and of all its workers, MB."""
@@ -160,6 +167,15 @@ class Process:
         assert self.process is not None
         self.process.terminate()
         return self.process.wait(60)
+
+
+def children(number: int) -> list[int]:
+    """Numbers of the processes that a process has started."""
+    found: list[int] = []
+    for path in Path(f"/proc/{number}/task").glob("*/children"):
+        with suppress(OSError):
+            found += map(int, path.read_text().split())
+    return found
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
@@ -300,27 +316,63 @@ def measure_uploads(folder: Path, port: int, number: int, megabytes: float) -> N
           f"{p50:.3f}, {p99:.3f}, {max(times):.3f} s |")  # fmt: skip
 
 
+def set_up_bench(client: httpx.Client, bench: Path) -> None:
+    """Set up the axis of the bench."""
+    axis: dict[str, Any] = {"machine": "mill", "plan": (bench / "plan.toml").read_text()}
+    axis |= {"sheet": (bench / "axis.toml").read_text()}
+    axis |= {"channels": (bench / "channels.toml").read_text()}
+    client.put("/api/v1/axes/bench", json=axis).raise_for_status()
+
+
+def send_bench(client: httpx.Client, bench: Path, day: int) -> str:
+    """Send a run of the bench; its content id."""
+    url, files = f"/api/v1/axes/bench/runs/{day}", []
+    for path in sorted(bench.glob("preload-4-percent-trip*.h5")):
+        content = path.read_bytes() + bytes([day])  # the same recordings are one run
+        sha256 = hashlib.sha256(content).hexdigest()
+        client.put(f"{url}/files/{sha256}", content=content).raise_for_status()
+        files.append({"name": path.name, "sha256": sha256})
+    measured_at = (datetime(2026, 1, 1, 8, tzinfo=UTC) + timedelta(days=day)).isoformat()
+    document = {"files": files, "measured_at": measured_at}
+    return str(client.post(f"{url}/complete", json=document).raise_for_status().json()["id"])
+
+
+def kill_readers(folder: Path, port: int, bench: Path, kills: int, seed: int) -> None:
+    """Kill processes that read files, or that start those, and check that every run has its verdict."""
+    chance = random.Random(seed)  # noqa: S311
+    process, killed = Process(folder, port, None, attempts=1000, back_off_s=0.2), 0
+    sent: dict[str, str] = {}
+    process.start()
+    with httpx.Client(base_url=process.url, timeout=60) as client:
+        set_up_bench(client, bench)
+        while killed < kills:
+            number = len(sent) + 1
+            identity = sent[str(number)] = send_bench(client, bench, number)
+            spared = False
+            while not _is_done(client, identity):
+                found = [] if spared else process.readers()
+                if found:
+                    time.sleep(chance.uniform(0.0, 0.3))
+                    with suppress(OSError):
+                        os.kill(chance.choice(found), signal.SIGKILL)
+                        killed += 1
+                    spared = chance.random() < 0.2  # so that the run ends
+                time.sleep(0.05)
+    assert process.stop() == 0
+    check(folder, sent)
+    print(f"| kills: {killed} of a reader; {len(sent)} runs | all done, all good |")
+
+
 def measure_verdict(folder: Path, port: int, bench: Path, number: int) -> None:
     """Print times from the completion of a run of three recordings to its verdict."""
     process = Process(folder, port, None)
     print(f"| new folder to /readyz, real workers | {process.start():.1f} s |")
     with httpx.Client(base_url=process.url, timeout=60) as client:
-        axis: dict[str, Any] = {"machine": "mill", "plan": (bench / "plan.toml").read_text()}
-        axis |= {"sheet": (bench / "axis.toml").read_text()}
-        axis |= {"channels": (bench / "channels.toml").read_text()}
-        client.put("/api/v1/axes/bench", json=axis).raise_for_status()
+        set_up_bench(client, bench)
         times = []
         for day in range(1, number + 1):
             begin = time.perf_counter()
-            url, files = f"/api/v1/axes/bench/runs/{day}", []
-            for path in sorted(bench.glob("preload-4-percent-trip*.h5")):
-                content = path.read_bytes() + bytes([day])  # the same recordings are one run
-                sha256 = hashlib.sha256(content).hexdigest()
-                client.put(f"{url}/files/{sha256}", content=content).raise_for_status()
-                files.append({"name": path.name, "sha256": sha256})
-            document = {"files": files, "measured_at": f"2026-01-{day:02d}T08:00Z"}
-            identity = client.post(f"{url}/complete", json=document).raise_for_status().json()["id"]
-            wait_for(partial(_is_done, client, identity))
+            wait_for(partial(_is_done, client, send_bench(client, bench, day)))
             times.append(time.perf_counter() - begin)
     assert process.stop() == 0
     shown = ", ".join(f"{each:.1f}" for each in times)
@@ -347,6 +399,11 @@ def measure_burst(folder: Path, port: int, runs: int, senders: int, analysis: fl
     check(folder, {f"run{number}": identity for number, identity in zip(numbers, identities, strict=True)})
     print(f"| burst of {runs} runs, each twice, from {senders} senders: acknowledged, all verdicts | "
           f"{acknowledged:.1f}, {done:.1f} s; none lost, none doubled |")  # fmt: skip
+    with OpenStore(folder).read() as session:
+        rows = session.query(Upload).order_by(Upload.id).all()
+    ended = {row.id: place for place, row in enumerate(sorted(rows, key=lambda row: str(row.finished_at)))}
+    most = max(abs(ended[row.id] - place) for place, row in enumerate(rows))
+    print(f"| order of verdicts, against that of receipt | displaced by {most} at most |")
 
 
 def measure_steady(folder: Path, port: int, minutes: float, analysis: float) -> None:
@@ -482,6 +539,7 @@ def main() -> None:
     parser.add_argument("--senders", type=int, default=10)
     parser.add_argument("--steady", type=float, default=0, help="minutes")
     parser.add_argument("--kills", type=int, default=0)
+    parser.add_argument("--readers", type=int, default=0, help="kills of processes that read files")
     parser.add_argument("--minutes", type=float, default=math.inf, help="end kills after this time")
     parser.add_argument("--full", type=Path, help="folder on a small file system")
     parser.add_argument("--analysis", type=float, default=0.2)
@@ -501,6 +559,8 @@ def main() -> None:
             measure_burst(folder / "burst", given.port, given.burst, given.senders, given.analysis)
         if given.steady:
             measure_steady(folder / "steady", given.port, given.steady, given.analysis)
+        if given.readers:
+            kill_readers(folder / "readers", given.port, bench, given.readers, given.seed)
         if given.kills:
             times = (given.minutes, given.analysis, given.seed)
             kill_all(folder / "kills", given.port, given.kills, *times, small=given.full)

@@ -15,9 +15,10 @@ from tests.service.bad_worker import end_at_once, misbehave
 from tests.service.conftest import FILES, SETUP, NewService, client_of, send, wait_for, work_off
 from tests.store.stored import RUNS, count, imitate_analysis, write_recordings
 
+from ballscrew.base.errors import InterruptedReadError
 from ballscrew.service.jobs import fail_job, lease_job, release_jobs
 from ballscrew.service.serving import RefusedError, Service
-from ballscrew.service.working import Worker, finish, task_of
+from ballscrew.service.working import Worker, do_task, finish, task_of
 from ballscrew.store.adding import add
 from ballscrew.store.service_tables import JobRow
 from ballscrew.store.tables import ResultRow, RunRow
@@ -100,6 +101,26 @@ def test_a_result_that_the_store_does_not_accept_is_refused_at_once(
     (sent,) = client.get("/api/v1/axes/bench/runs").json()["sent"]
     assert (sent["status"], "1961" in sent["error"]) == ("refused", True)
     assert count(service.store, JobRow) == count(service.store, RunRow) == 0
+
+
+def test_a_run_whose_reader_was_killed_is_analysed_again(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the system, for want of memory: the files are not to blame."""
+    send(client)
+    lease = lease_job(service)
+    assert lease is not None
+
+    def fail(*_: object, **__: object) -> None:
+        raise InterruptedReadError("a.h5: cannot be read: its reader was ended from outside; try again.")
+
+    monkeypatch.setattr("ballscrew.store.analysing.analyse_files", fail)
+    task = task_of(service, lease)
+    assert task is not None
+    outcome = do_task(task)
+    assert outcome[0] == "failed"
+    finish(service, lease, *outcome)
+    assert status_of(client, "r1") == "queued"
 
 
 def test_an_unexpected_error_while_a_result_is_stored_counts_as_an_attempt(

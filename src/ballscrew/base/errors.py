@@ -42,6 +42,10 @@ class InputError(BallscrewError):
     exit_status = WRONG_INPUT
 
 
+class InterruptedReadError(InputError):
+    """The process that reads a file was ended from outside: the file may be as it should, try again."""
+
+
 class MeasurementError(BallscrewError):
     """The measurement is bad and was refused; exit status 1."""
 

@@ -20,7 +20,7 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from ballscrew.base.errors import BallscrewError
+from ballscrew.base.errors import BallscrewError, InterruptedReadError
 from ballscrew.modal.run import Run
 from ballscrew.service import jobs
 from ballscrew.service.alarms import report_bad_measurement, report_refused_assessment, write_messages
@@ -125,6 +125,8 @@ def do_task(task: Task) -> tuple[str, Any]:
             )
             return "done", (run.to_json(), readers)
         return "done", assess(task)
+    except InterruptedReadError as error:
+        return "failed", str(error)
     except BallscrewError as error:
         return "refused", str(error)
     except Exception as error:  # noqa: BLE001  of whatever kind, the others are not stopped

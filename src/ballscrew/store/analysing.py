@@ -135,7 +135,7 @@ def analyse_files(
             message = str(error)
             for path in paths:
                 message = message.replace(str(path), path.name)
-            raise InputError(message) from None
+            raise type(error)(message) from None
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 from tests.recording.readers.test_hostile import MAKERS
 
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import InputError, InterruptedReadError
 from ballscrew.recording.readers import process, reader_for
 
 needs_fork = pytest.mark.skipif(not process._CAN_FORK, reason="processes cannot be forked here")
@@ -95,6 +96,19 @@ def test_files_whose_reader_crashes_or_does_not_end(data: Path, monkeypatch: pyt
     for name in ("hdf5-contig-1454.h5", "netcdf4-761.nc"):
         with pytest.raises(InputError, match=f"{name}.*cannot be read within"):
             read(data / "hostile" / name)
+
+
+@needs_fork
+def test_a_reader_that_is_killed_says_nothing_about_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    MAKERS["a.npz"](path)
+    with process.opened(path) as file:
+        server = process._servers[os.getpid()].process.pid
+        (reader,) = Path(f"/proc/{server}/task/{server}/children").read_text().split()
+        os.kill(int(reader), signal.SIGKILL)
+        with pytest.raises(InterruptedReadError, match="ended from outside; try again"):
+            file.read([file.header.channels[0].name])
+    assert_same(path)
 
 
 @needs_fork

@@ -19,7 +19,7 @@ from typing import Any, BinaryIO, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import InputError, InterruptedReadError
 from ballscrew.base.files import open_regular, regular_target
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers import reader_for
@@ -37,7 +37,8 @@ _PROGRAM = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]);"
     "from ballscrew.recording.readers.server import main; main()"
 )
-_OUT_OF_TIME = {getattr(signal, name, -1) for name in ("SIGXCPU", "SIGALRM", "SIGKILL")}
+_OUT_OF_TIME = {getattr(signal, name, -1) for name in ("SIGXCPU", "SIGALRM")}
+_FROM_OUTSIDE = {0, signal.SIGTERM, signal.SIGINT, getattr(signal, "SIGKILL", -1)}  # 0: while it sent samples
 _ENVIRONMENT = {  # few threads and arenas, each of which takes address space
     "OPENBLAS_NUM_THREADS": "1",
     "MALLOC_ARENA_MAX": "2",
@@ -86,6 +87,8 @@ def opened(path: str | Path) -> Iterator[OpenFile]:
     ------
     InputError
         If the file cannot be read or changes meanwhile, or its reader crashes or exceeds a limit.
+    InterruptedReadError
+        If its reader was ended from outside.
     """
     path = regular_target(path)
     before = identity(path)
@@ -169,9 +172,11 @@ def _array(source: BinaryIO, path: Path, name: str, kind: str, shape: Sequence[i
 def _end_of_process(path: Path, number: int, seconds: float) -> InputError:
     """Sentence for a reading process that ended without an answer."""
     if number == 0 and not _server_runs():
-        return InputError(f"{path}: cannot be read: the process that reads files ends at once.")
+        return InterruptedReadError(f"{path}: cannot be read: the process that reads files ends at once.")
     if number in _OUT_OF_TIME:
         return InputError(f"{path}: cannot be read within {seconds:.0f} s; it is probably damaged.")
+    if number in _FROM_OUTSIDE:
+        return InterruptedReadError(f"{path}: cannot be read: its reader was ended from outside; try again.")
     return InputError(f"{path}: cannot be read: its reader crashes; it is probably damaged.")
 
 

@@ -45,8 +45,10 @@ def limit_resources(memory: int, seconds: float) -> None:
         resource.RLIMIT_AS: _address_space() + memory,
     }
     for kind, limit in limits.items():
+        # The signal of the soft limit of time differs from that of a process that is killed.
+        hard = limit + 1 if kind == resource.RLIMIT_CPU else limit
         with suppress(OSError, ValueError):
-            resource.setrlimit(kind, (limit, limit))
+            resource.setrlimit(kind, (limit, hard))
     signal.setitimer(signal.ITIMER_REAL, 6 * seconds)
 
 
