@@ -292,4 +292,4 @@ def text_files(texts: Mapping[str, str | None]) -> Iterator[dict[str, Path]]:
         except UnicodeEncodeError:
             raise InputError("a text is not valid Unicode.") from None
         except InputError as error:
-            raise InputError(str(error).replace(f"{folder}/", "").replace(f"{folder}\\", "")) from None
+            raise type(error)(str(error).replace(f"{folder}/", "").replace(f"{folder}\\", "")) from None

@@ -211,8 +211,13 @@ def _session(path: Path, seconds: float) -> Iterator[tuple[BinaryIO, BinaryIO]]:
         kind = HDF5 if stream.read(len(_HDF5_SIGNATURE)) == _HDF5_SIGNATURE else OTHER
     with _connect(kind) as connection:
         connection.settimeout(seconds)
-        with connection.makefile("rb") as source, connection.makefile("wb") as sink:
-            yield source, sink
+        with connection.makefile("rb") as source:
+            sink = connection.makefile("wb")
+            try:
+                yield source, sink
+            finally:
+                with suppress(OSError):  # what the other side can no longer receive
+                    sink.close()
 
 
 class _Server:
