@@ -350,17 +350,27 @@ def kill_readers(folder: Path, port: int, bench: Path, kills: int, seed: int) ->
             identity = sent[str(number)] = send_bench(client, bench, number)
             spared = False
             while not _is_done(client, identity):
-                found = [] if spared else process.readers()
+                found = [] if spared else _wait_for_readers(process)
                 if found:
-                    time.sleep(chance.uniform(0.0, 0.3))
+                    time.sleep(chance.uniform(0.0, 0.05))
                     with suppress(OSError):
                         os.kill(chance.choice(found), signal.SIGKILL)
                         killed += 1
-                    spared = chance.random() < 0.2  # so that the run ends
-                time.sleep(0.05)
+                    spared = chance.random() < 0.1  # so that the run ends
     assert process.stop() == 0
     check(folder, sent)
     print(f"| kills: {killed} of a reader; {len(sent)} runs | all done, all good |")
+
+
+def _wait_for_readers(process: Process) -> list[int]:
+    """Processes that read, as soon as there are any; none after half a second."""
+    deadline = time.monotonic() + 0.5
+    while time.monotonic() < deadline:
+        found = process.readers()
+        if found:
+            return found
+        time.sleep(0.005)
+    return []
 
 
 def measure_verdict(folder: Path, port: int, bench: Path, number: int) -> None:
