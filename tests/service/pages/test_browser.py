@@ -408,10 +408,15 @@ def test_the_map_of_frf_is_computed_when_it_is_opened_and_says_which_runs_are_bl
         send_result(client, 3)
     with serving(service) as address:
         window = Window(browser, address)
-        page = window.open("/axes/bench")
+        page = window.page
         requests: list[str] = []
         page.on("request", lambda request: requests.append(request.url))
-        page.locator("[data-responses] summary").press("Enter")
+        held: list[Route] = []
+        page.route("**/trend", lambda route: held.append(route))
+        page.goto("/axes/bench")
+        page.locator("[data-responses] summary").press("Enter")  # before the trend has arrived
+        held[0].continue_()
+        page.unroute("**/trend")
         page.wait_for_selector("[data-plot=responses] canvas")
         about = "Runs: 1 computed from their raw files; 1 blank, since their raw files are not stored"
         assert page.locator("[data-about]").inner_text() == about

@@ -414,6 +414,7 @@
   }
 
   function drawTrend(root, document_) {
+    const isFirst = !trend;
     trend = document_;
     words = JSON.parse(element("axis-charts").dataset.words);
     readPalette();
@@ -458,6 +459,8 @@
       });
     startReadout();
     zoom(view.now);
+    const responses = document.querySelector("[data-responses]");
+    if (isFirst && responses?.open) loadResponses(responses); // it was opened before
   }
 
   function drawMechanics(root, document_) {
