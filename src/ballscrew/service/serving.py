@@ -107,7 +107,8 @@ class ServedStore(OpenStore):
         try:
             self.folder.check_writable()
         except InputError as error:
-            raise RefusedError(UNAVAILABLE, str(error), _LATER) from None
+            sentence = str(error).removeprefix(f"{self.path}: ")  # which no caller needs
+            raise RefusedError(UNAVAILABLE, sentence, _LATER) from None
 
 
 @contextmanager
