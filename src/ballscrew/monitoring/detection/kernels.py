@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.compilation import compiled
 from ballscrew.monitoring.detection.settings import MonitorSettings
 
@@ -25,6 +26,14 @@ _C3, _C4, _C5 = _F(4.1665795894e-2), _F(1.6666665459e-1), _F(5.0000001201e-1)
 _BIAS, _MANTISSA = np.int32(127), np.int32(23)
 
 
+# Plain tuples: a class in a signature would be part of the stored code, and fail where it is renamed.
+VisitUpdate = tuple[Single, Single, Single, Single]
+"""How a visit updates histories: gain, bound of the innovation, both mixtures."""
+
+OddsArrays = tuple[Single, Single, Single, Single]
+"""Coefficients without and with wear, ratio, and largest factor of a run, as in ``OddsState``."""
+
+
 @compiled(fastmath=_FAST)
 def _exp(x: np.float32) -> np.float32:
     """Exponential of 0 or less, with a relative error of 1e-7.
@@ -40,19 +49,19 @@ def _exp(x: np.float32) -> np.float32:
     return np.float32((rest * r * r + r + _UNITY) * two)
 
 
-def run_mixture(noise: float, doubt: float, settings: MonitorSettings) -> Single:
+def run_mixture(noise: Array, doubt: Array, settings: MonitorSettings) -> Single:
     """Mixture of an ordinary and an outlying run, for :func:`run_density`.
 
     Parameters
     ----------
-    noise, doubt : float
+    noise, doubt : ndarray
         Variance of an ordinary run, and of its expected level.
     settings : MonitorSettings
         Rate and size of outliers.
 
     Returns
     -------
-    ndarray of float32, shape (5,)
+    ndarray of float32, shape (..., 5)
         Exponent per squared error and largest density of an ordinary run, the same of an outlying run, and
         the least density.
     """
@@ -64,7 +73,7 @@ def run_mixture(noise: float, doubt: float, settings: MonitorSettings) -> Single
         settings.odd / np.sqrt(outlying),
         _ANYTHING / np.sqrt(usual),
     ]
-    return np.array(numbers, np.float32)
+    return np.stack(numbers, axis=-1).astype(np.float32)
 
 
 @compiled(fastmath=_FAST)
@@ -93,7 +102,7 @@ def run_density(error: Single, mixture: Single, density: Single) -> None:
             density[r, j] = _run_density(error[r, j], mixture)
 
 
-def pair_mixture(noise: float, doubt: float, settings: MonitorSettings) -> Single:
+def pair_mixture(noise: Array, doubt: Array, settings: MonitorSettings) -> Single:
     """Mixture of a run and its repeat, for :func:`pair_density`.
 
     Parameters
@@ -103,7 +112,7 @@ def pair_mixture(noise: float, doubt: float, settings: MonitorSettings) -> Singl
 
     Returns
     -------
-    ndarray of float32, shape (kinds, 4)
+    ndarray of float32, shape (..., kinds, 4)
         Largest density, and the coefficients in the exponent of the square of the first run, that of the
         repeat, and their product.
     """
@@ -118,9 +127,9 @@ def pair_mixture(noise: float, doubt: float, settings: MonitorSettings) -> Singl
         (odd * stays, noise, noise, doubt + (size - 1) * noise),
     ):
         spread = first * second + common * (first + second)
-        sizes = np.array([second + common, first + common, -2 * common])
-        rows.append([weight / np.sqrt(spread), *(-0.5 / spread * sizes)])
-    return np.array(rows, np.float32)
+        sizes = np.stack([second + common, first + common, -2 * common])
+        rows.append(np.stack([weight / np.sqrt(spread), *(-0.5 / spread * sizes)], axis=-1))
+    return np.stack(rows, axis=-2).astype(np.float32)
 
 
 @compiled(fastmath=_FAST)
@@ -258,3 +267,91 @@ def accumulate_ratio(
             later[r, j] = min(ratio[r, j] * now, most)
             peak[r, j] = max(largest[r, j], now / repeat_cap if repeated else now)
             summed[j] += share * later[r, j] / max(peak[r, j] / run_cap, np.float32(1.0))
+
+
+@compiled(fastmath=_FAST)
+def _update(
+    visit: tuple[Single, Single, Single],
+    wear: Single,
+    gain: Single,
+    most: np.float32,
+    mixture: Single,
+    both: Single,
+    mean: Single,
+    updated: Single,
+    work: tuple[Single, Single],
+    density: Single,
+) -> None:
+    """Density of a visit, and the coefficients after it, of all histories with one onset."""
+    level, repeat, row = visit
+    error, second = work
+    innovation(level, wear, row, mean, error)
+    if len(repeat):
+        innovation(repeat, wear, row, mean, second)
+        pair_density(error, second, mixture, both, density)
+        mean_or_lower(error, second, most)
+    else:
+        run_density(error, mixture, density)
+    update_coefficients(error, gain, most, mean, updated)
+
+
+@compiled(fastmath=_FAST)
+def update_histories(
+    visit: tuple[Single, Single, Single],
+    wear: Single,
+    healthy_update: VisitUpdate,
+    worn_update: VisitUpdate,
+    weight: Single,
+    caps: Single,
+    before: OddsArrays,
+    after: OddsArrays,
+    density: Single,
+    summed: NDArray[np.float64],
+) -> None:
+    """Update histories by a visit, and add their likelihood ratios.
+
+    Parameters
+    ----------
+    visit : tuple of ndarray of float32
+        Levels of the visit, (m,), and of its repeat, (m,) or empty; effect of each coefficient, (p,).
+    wear : ndarray of float32, shape (o, r)
+        Loss by then, since each onset at r rates.
+    healthy_update, worn_update : tuple of ndarray of float32
+        Without wear, and with wear since each of o onsets, the second axis of each array: gain, (s, o, p),
+        and bound, (s, o), as for :func:`update_coefficients`; mixtures of a run, (s, o, 5), and with its
+        repeat, (s, o, kinds, 4), which is empty without one.
+    weight, caps : ndarray of float32, shapes (o,) and (3,)
+        As for :func:`accumulate_ratio`.
+    before, after : tuple of ndarray of float32
+        Before, and after the visit (filled): coefficients without wear, (s, p, 1, m), and with it,
+        (s, o, p, r, m); ratio and largest factor of a run, (s, o, r, m).
+    density : ndarray of float32, shape (s, m)
+        Of the visit without wear; filled.
+    summed : ndarray, shape (s, m)
+        Sum of the ratios over the onsets; added to.
+    """
+    none, repeated = np.zeros(1, np.float32), len(visit[1]) > 0
+    healthy, worn, ratio, largest = before
+    healthy_after, worn_after, ratio_after, largest_after = after
+    shape = (wear.shape[1], density.shape[1])
+    alone = np.empty((1, shape[1]), np.float32), np.empty((1, shape[1]), np.float32)
+    work, worn_density = (
+        (np.empty(shape, np.float32), np.empty(shape, np.float32)),
+        np.empty(shape, np.float32),
+    )
+    for g in range(density.shape[0]):
+        gain, most, mixture, both = healthy_update
+        _update(
+            visit, none, gain[g], most[g], mixture[g], both[g], healthy[g], healthy_after[g], alone,
+            density[g : g + 1],
+        )  # fmt: skip
+        gain, most, mixture, both = worn_update
+        for o in range(wear.shape[0]):
+            _update(
+                visit, wear[o], gain[g, o], most[g, o], mixture[g, o], both[g, o], worn[g, o],
+                worn_after[g, o], work, worn_density,
+            )  # fmt: skip
+            accumulate_ratio(
+                worn_density, density[g], repeated, caps, weight[o], ratio[g, o], largest[g, o],
+                ratio_after[g, o], largest_after[g, o], summed[g],
+            )  # fmt: skip

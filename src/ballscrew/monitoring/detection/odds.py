@@ -20,14 +20,10 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.design import Design, Layout
 from ballscrew.monitoring.detection.kernels import (
-    accumulate_ratio,
-    innovation,
-    mean_or_lower,
-    pair_density,
+    VisitUpdate,
     pair_mixture,
-    run_density,
     run_mixture,
-    update_coefficients,
+    update_histories,
 )
 
 Single = NDArray[np.float32]
@@ -46,7 +42,6 @@ _THERMOMETER = 0.5  # of the squared effect of a wrong temperature on a typical 
 _LARGEST_LEVEL = 1e12  # its square is still a number
 _EMPTY: Single = np.empty(0, np.float32)
 Threshold = Callable[[Array], float]
-_HEALTHY: Single = np.zeros(1, np.float32)  # wear of a healthy axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,8 +93,8 @@ class OddsState:
             getattr(self, name)[..., which] = getattr(part, name)
 
 
-_BY_HISTORY = ("healthy", "worn", "ratio", "largest", "log_likelihood")
-_UPDATED = ("healthy", "worn", "healthy_covariance", "worn_covariance", "ratio", "largest")
+_UPDATED = ("healthy", "worn", "ratio", "largest")  # by the compiled loop
+_BY_HISTORY = (*_UPDATED, "log_likelihood")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -346,59 +341,57 @@ def _update(
     design: Design, k: int, before: OddsState, visit: _Visit, *, begun: bool
 ) -> tuple[OddsState, Array]:
     """State after a visit, and the log odds."""
-    arrays = {name: np.empty_like(getattr(before, name)) for name in _UPDATED}
-    after = replace(before, log_likelihood=before.log_likelihood.copy(), **arrays)
+    x, noise = design.columns[k], _noise(design, k)
+    repeated = len(visit.repeat) > 0
+    healthy_update, healthy_covariance = _update_of(
+        design, x, noise, before.healthy_covariance, repeated=repeated
+    )
+    worn_update, worn_covariance = _update_of(
+        design, x, noise[:, None], before.worn_covariance, repeated=repeated
+    )
+    columns = {name: np.empty_like(getattr(before, name)) for name in _UPDATED}
+    density = np.empty(before.log_likelihood.shape, np.float32)
     summed = np.zeros_like(before.log_likelihood)
-    repeated = bool(len(visit.repeat))
-    for g, variance in enumerate(_noise(design, k).tolist()):
-        density, after.healthy[g], after.healthy_covariance[g] = _update_coefficients(
-            design, k, before.healthy[g], before.healthy_covariance[g], visit, variance
-        )
-        healthy = density[0]
-        after.log_likelihood[g] += np.log(healthy)
-        for o, onset in enumerate(before.onsets):
-            wear = (_RATES * (design.days[k] - onset)).astype(np.float32)
-            density, after.worn[g, o], after.worn_covariance[g, o] = _update_coefficients(
-                design, k, before.worn[g, o], before.worn_covariance[g, o], visit, variance, wear
-            )
-            weight, ratio, largest = np.float32(before.gaps[o]), before.ratio[g, o], before.largest[g, o]
-            later, peak = after.ratio[g, o], after.largest[g, o]
-            accumulate_ratio(
-                density, healthy, repeated, _CAPS, weight, ratio, largest, later, peak, summed[g]
-            )
-    after.log_likelihood[:] -= after.log_likelihood.max(axis=0)
+    update_histories(
+        (visit.level, visit.repeat, x.astype(np.float32)),
+        ((design.days[k] - before.onsets)[:, None] * _RATES).astype(np.float32),
+        healthy_update,
+        worn_update,
+        before.gaps.astype(np.float32),
+        _CAPS,
+        (before.healthy, before.worn, before.ratio, before.largest),
+        (columns["healthy"], columns["worn"], columns["ratio"], columns["largest"]),
+        density,
+        summed,
+    )
+    likelihood = before.log_likelihood + np.log(density)
+    after = replace(
+        before,
+        healthy_covariance=healthy_covariance,
+        worn_covariance=worn_covariance,
+        log_likelihood=likelihood - likelihood.max(axis=0),
+        **columns,
+    )
     if not begun:
         return after, np.zeros(summed.shape[1])
     share = np.exp(after.log_likelihood)
     return after, np.log1p((share * summed).sum(axis=0) / share.sum(axis=0))
 
 
-def _update_coefficients(
-    design: Design,
-    k: int,
-    before: Single,
-    covariance: Array,
-    visit: _Visit,
-    noise: float,
-    wear: Single = _HEALTHY,
-) -> tuple[Single, Single, Array]:
-    """Density of a visit; expected coefficients, (p, r, m), and their covariance after it."""
-    x, settings = design.columns[k], design.settings
-    row = x.astype(np.float32)
-    gain = covariance @ x
-    doubt = float(x @ gain)
+def _update_of(
+    design: Design, x: Array, noise: Array, covariance: Array, *, repeated: bool
+) -> tuple[VisitUpdate, Array]:
+    """How a visit updates coefficients of these covariances, and the covariances after it."""
+    # One product at a time: a stack of matrices is multiplied in another order of sums.
+    matrices = covariance.reshape(-1, len(x), len(x))
+    gain = np.array([matrix @ x for matrix in matrices]).reshape(covariance.shape[:-1])
+    doubt = np.array([x @ each for each in gain.reshape(-1, len(x))]).reshape(covariance.shape[:-2])
     variance = noise + doubt
-    most = np.float32(_BOUND * np.sqrt(variance))
-    error, density = np.empty((2, *before.shape[1:]), np.float32)
-    mean = np.empty_like(before)
-    innovation(visit.level, wear, row, before, error)
-    mixture = run_mixture(noise, doubt, settings)
-    if len(visit.repeat):
-        repeat = np.empty_like(error)
-        innovation(visit.repeat, wear, row, before, repeat)
-        pair_density(error, repeat, mixture, pair_mixture(noise, doubt, settings), density)
-        mean_or_lower(error, repeat, most)
-    else:
-        run_density(error, mixture, density)
-    update_coefficients(error, (gain / variance).astype(np.float32), most, before, mean)
-    return density, mean, covariance - np.outer(gain, gain) / variance
+    outer = gain[..., :, None] * gain[..., None, :]
+    both = np.empty((*doubt.shape, 0, 0), np.float32)
+    if repeated:
+        both = pair_mixture(noise, doubt, design.settings)
+    bounds = (_BOUND * np.sqrt(variance)).astype(np.float32)
+    mixture = run_mixture(noise, doubt, design.settings)
+    update = (gain / variance[..., None]).astype(np.float32), bounds, mixture, both
+    return update, covariance - outer / variance[..., None, None]
