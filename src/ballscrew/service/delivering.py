@@ -43,9 +43,9 @@ from ballscrew.service.recipients import EmailRecipient, Recipient, WebhookRecip
 from ballscrew.service.serving import Service
 from ballscrew.service.webhooks import post_webhook
 from ballscrew.store.explaining import find_explanation
-from ballscrew.store.histories import batched
 from ballscrew.store.lamps import add_lamps
 from ballscrew.store.reading import assessment_document, newest_runs
+from ballscrew.store.rows import batched
 from ballscrew.store.service_tables import Delivery, Message
 from ballscrew.store.tables import Assessment, Axis, MachineRow, StateRow
 

@@ -20,7 +20,7 @@ from ballscrew.service.messages import (
 )
 from ballscrew.service.serving import Service
 from ballscrew.store.alarms import alarm_over_at, state_by
-from ballscrew.store.histories import batched
+from ballscrew.store.rows import batched
 from ballscrew.store.service_tables import AlarmAction, Delivery, Message, Trouble
 from ballscrew.store.tables import AlarmRow, Assessment, Axis, MachineRow, RunRow, StateRow
 

@@ -28,10 +28,10 @@ from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.store.alarms import ENDED, alarm_documents, to_close
 from ballscrew.store.explaining import explanation
 from ballscrew.store.folder import now
-from ballscrew.store.histories import StoredHistory, batched, history_key, read_stored_history, settings_of
+from ballscrew.store.histories import StoredHistory, history_key, read_stored_history, settings_of
 from ballscrew.store.opened import OpenStore, record, why_read_only
 from ballscrew.store.reading import find_axis
-from ballscrew.store.rows import checksum_of_values, pack
+from ballscrew.store.rows import batched, checksum_of_values, pack
 from ballscrew.store.tables import AlarmRow, Assessment, Axis, CheckpointRow, EpochRow, Explanation, StateRow
 
 _ATTEMPTS = 5  # runs may be added meanwhile

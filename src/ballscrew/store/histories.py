@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -22,12 +22,9 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Event
 from ballscrew.store.methods import UsedResult, method_events, used_results
 from ballscrew.store.reading import current_rows, find_axis, find_method, find_model, shared_recordings
-from ballscrew.store.rows import unpack
+from ballscrew.store.rows import batched, unpack
 from ballscrew.store.tables import Axis, CheckpointRow, EventRow, Exclusion, Method, ResultRow
 
-Key = TypeVar("Key", int, str)
-
-_MOST_PARAMETERS = 500  # of a statement; databases have limits
 _SETTINGS = 16  # characters of a digest
 
 
@@ -197,12 +194,6 @@ def _newest_checkpoint(
             with suppress(InputError):  # a damaged one is made again
                 return Checkpoint.from_bytes(row.document), count
     return None, 0
-
-
-def batched(values: Sequence[Key]) -> Iterator[Sequence[Key]]:
-    """As many values at a time as a statement may have parameters."""
-    for start in range(0, len(values), _MOST_PARAMETERS):
-        yield values[start : start + _MOST_PARAMETERS]
 
 
 def result_documents(session: Session, results: Sequence[int]) -> dict[int, bytes]:

@@ -15,6 +15,7 @@ from ballscrew.monitoring.epochs import BEGINS, moment
 from ballscrew.report.what_to_do import what_to_do
 from ballscrew.store.alarms import standing_alarms, to_close
 from ballscrew.store.explaining import stored_advice
+from ballscrew.store.rows import batched
 from ballscrew.store.service_tables import JobRow, Setup, Upload
 from ballscrew.store.tables import Axis, EventRow, Exclusion, Explanation, ResultRow, RunRow, StateRow
 
@@ -28,7 +29,6 @@ CLOCK_TOLERANCE = 300.0
 """Time by which a run may be measured after its receipt, s: clocks differ."""
 
 _REMAINING = ("alarm", "unloaded", "watch", "suspect", "not assessed", "unknown")
-_MOST_PARAMETERS = 500  # of a statement
 _STALE = timedelta(days=31)  # age of the newest run beyond which an axis without a schedule is unknown
 
 
@@ -174,8 +174,8 @@ def _bad_runs(session: Session, runs: Sequence[str | None]) -> set[str]:
     """Those runs that give no number: by the newest result, or by the assessment."""
     found: set[str] = set()
     known = [run for run in runs if run is not None]
-    for start in range(0, len(known), _MOST_PARAMETERS):
-        batch = RunRow.run.in_(known[start : start + _MOST_PARAMETERS])
+    for names in batched(known):
+        batch = RunRow.run.in_(names)
         results = select(RunRow.run, ResultRow.verdict).join(ResultRow, ResultRow.run_id == RunRow.id)
         for run, verdict in session.execute(results.where(batch).order_by(ResultRow.id)):
             found.discard(run)  # by an earlier result

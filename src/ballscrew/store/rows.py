@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, ClassVar, TypeVar
 
 import zstandard
 from sqlalchemy import (
@@ -28,6 +28,9 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, Mapper, mapped_column
 from ballscrew.base.errors import InputError
 
 _LEVEL = 10  # of zstd
+_MOST_PARAMETERS = 500  # of a statement; databases have limits
+
+Key = TypeVar("Key", int, str)
 
 
 class Base(DeclarativeBase):
@@ -104,3 +107,9 @@ def unpack(content: bytes) -> Any:
         return json.loads(zstandard.ZstdDecompressor().decompress(content))
     except (zstandard.ZstdError, ValueError):
         raise InputError("a document in the store cannot be read: the database is damaged.") from None
+
+
+def batched(values: Sequence[Key]) -> Iterator[Sequence[Key]]:
+    """As many values at a time as a statement may have parameters."""
+    for start in range(0, len(values), _MOST_PARAMETERS):
+        yield values[start : start + _MOST_PARAMETERS]

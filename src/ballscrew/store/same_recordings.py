@@ -14,7 +14,7 @@ from ballscrew.modal.amend import SUPERSEDES
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
 from ballscrew.store.reading import current_rows, run_versions
-from ballscrew.store.rows import unpack
+from ballscrew.store.rows import batched, unpack
 from ballscrew.store.tables import Axis, RecordingRow, ResultRow, RunRow
 
 _BELONGS = " belongs to the run "
@@ -153,9 +153,9 @@ def _sharing(session: Session, new: RecordedRun) -> Iterator[RecordedRun]:
     """Runs that count and have a recording of a new one, which neither corrects them nor is corrected."""
     found = select(RunRow, Axis).join(Axis, Axis.id == RunRow.axis_id).order_by(RunRow.id)
     rows: dict[int, tuple[RunRow, Axis]] = {}
-    for sha256 in new.files:
-        of_file = select(RecordingRow.run_id).where(RecordingRow.sha256 == sha256)
-        for row, axis in session.execute(found.where(RunRow.id.in_(of_file))):
+    for files in batched(list(new.files)):
+        of_files = select(RecordingRow.run_id).where(RecordingRow.sha256.in_(files))
+        for row, axis in session.execute(found.where(RunRow.id.in_(of_files))):
             rows[row.id] = row, axis
     if not rows:
         return

@@ -19,10 +19,9 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.method_step import LEAST_RUNS, MethodStep, method_step
 from ballscrew.store import adding
 from ballscrew.store.folder import actor, now
-from ballscrew.store.histories import batched
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.reading import current_rows, find_axis, find_method, find_model, run_versions
-from ballscrew.store.rows import unpack
+from ballscrew.store.rows import batched, unpack
 from ballscrew.store.tables import (
     Axis,
     CellRow,
