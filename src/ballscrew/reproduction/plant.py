@@ -227,10 +227,11 @@ def _type(
     return AxisType(replace(AXIS, screw=screw, table=table), Plan(positions, 3, (load,), motions))
 
 
-_STOPS = (0.0, 0.1, 0.2, 0.3, 0.4)
+_STOPS = (0.0, 0.13, 0.27, 0.4)
+_MORE_STOPS = (0.0, 0.1, 0.2, 0.3, 0.4)
 _MILL = _type(_STOPS, LOAD)
 _LATHE = _type(_STOPS, 70.0, rigidity=480e6)
-_LATHE_OF_TWO = _type(_STOPS, 70.0, (1.0, 5.0), rigidity=480e6)  # separates bearing and nut
+_LATHE_OF_TWO = _type(_MORE_STOPS, 70.0, (1.0, 5.0), rigidity=480e6)  # separates bearing and nut
 _GRINDER = _type(_STOPS, 20.0, table=60.0)
 _GANTRY = _type((0.0, 0.15, 0.3, 0.45), 40.0, table=55.0)
 _LOOSE = Instruments(pitch_frequency=300.0, pitch_damping=0.05, pitch=(0.0, 1.0))
@@ -239,7 +240,7 @@ _HANGING = Instruments(pitch_frequency=1.0, pitch_damping=0.3, pitch=(0.0, 1.0))
 PLANT = (
     PlantAxis("mill 4 X", "mill 4", "hall 1", _MILL, 20.0, worn=(96.0, 45.0), raised=98),
     PlantAxis("mill 4 Y", "mill 4", "hall 1", _MILL, 19.0),
-    PlantAxis("mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(101.0, 210.0), recorded=(52, 78)),
+    PlantAxis("mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(101.0, 290.0), recorded=(52, 78)),
     PlantAxis(
         "mill 7 X", "mill 7", "hall 1", _MILL, 44.0, worn=(40.0, 30.0), replaced=46, raised=42,
         story=(
