@@ -93,7 +93,7 @@ def test_a_new_axis_is_set_up_by_the_name_in_its_data_sheet(client: TestClient) 
         ({"period": "1e400"}, "The period is '1e400'"),
         ({"shifts": "06:00-14:00"}, "Working days and shifts need a period."),
         ({"period": "1", "shifts": HOSTILE}, "it must be such as 06:00-14:00."),
-        ({"period": "1", "working_days": "Montag"}, "Working days must be of 'Mon', 'Tue', "),
+        ({"period": "1", "working_days": "Montag"}, "'Montag'; they must be of Mon, Tue, "),
         ({"period": "1", "working_days": "none"}, "Working days must not be empty."),
         ({"period": "1", "holidays": "Christmas"}, "Holidays must be dates such as 2026-12-25."),
         ({"period": "1", "time_zone": HOSTILE}, "is no known time zone; give one such as Europe/Berlin."),

@@ -25,7 +25,7 @@ from ballscrew.service.pages.rendering import address_of, render
 from ballscrew.service.reading import axis_document
 from ballscrew.service.runs import setup_texts
 from ballscrew.service.serving import UNPROCESSABLE, RefusedError, Service, service_of
-from ballscrew.store.calendars import CALENDAR
+from ballscrew.store.calendars import CALENDAR, DAYS
 from ballscrew.store.raw_files import text_files
 from ballscrew.store.reading import find_axis
 from ballscrew.store.service_tables import Setup
@@ -153,7 +153,7 @@ def _schedule(form: Mapping[str, Any]) -> Schedule | None:
     for name in CALENDAR:
         text = form.get(name, "").strip()
         if text:
-            calendar[name] = text if name == "time_zone" else _words(text)
+            calendar[name] = _stated(name, text)
     if not form.get("period", "").strip():
         if calendar:
             raise InputError("Working days and shifts need a period.")
@@ -165,9 +165,14 @@ def _schedule(form: Mapping[str, Any]) -> Schedule | None:
     return entered(Schedule, _LABELS, period_s=period, grace_s=grace, **calendar)
 
 
-def _words(text: str) -> list[str]:
-    """Words of a list with commas or spaces, empty where it is ``none``."""
-    return [] if text.lower() == _NONE else text.replace(",", " ").split()
+def _stated(name: str, text: str) -> str | list[str]:
+    """Value of a calendar: words with commas or spaces, no word where it is ``none``."""
+    if name == "time_zone":
+        return text
+    words = [] if text.lower() == _NONE else text.replace(",", " ").split()
+    if name == "working_days" and not set(words) <= set(DAYS):
+        raise InputError(f"Working days are {shown(text)}; they must be of {', '.join(DAYS)}.")
+    return words
 
 
 def _text(form: Mapping[str, Any], name: str) -> str | None:
