@@ -198,6 +198,13 @@ def test_a_wrong_shift_is_refused(shifts: list[str], message: str) -> None:
         parse_shifts(shifts)
 
 
+def test_holidays_of_any_year_are_possible() -> None:
+    found = calendar("06:00-14:00", holidays=("0001-01-01", "9999-12-31", "2026-01-01"))
+    assert found.problem() is None
+    end = found.after(datetime(2025, 1, 1, tzinfo=UTC), timedelta(hours=8 * 261))  # working days of 2025
+    assert end == datetime(2026, 1, 2, 5, tzinfo=UTC)
+
+
 def test_a_year_without_a_working_day_is_a_problem() -> None:
     days = [str(date(2027, 1, 1) + timedelta(days=number)) for number in range(365)]
     assert calendar(holidays=tuple(days)).problem() == "holidays: 2027 has no working day besides."

@@ -195,8 +195,9 @@ def _uneven_weeks(calendar: RunCalendar, year: int) -> tuple[date, ...]:
     found = {_monday(new_year + timedelta(days=6))}
     changes = _changes(calendar.zone, year) | _changes(calendar.zone, year + 1)
     for day in calendar.holidays | changes:
-        eve = day - timedelta(days=1)  # whose last shift may pass midnight
-        found |= {_monday(day), _monday(eve)}
+        if year <= day.year <= year + 1:
+            eve = day - timedelta(days=1)  # whose last shift may pass midnight
+            found |= {_monday(day), _monday(eve)}
     return tuple(sorted(day for day in found if year <= day.year))
 
 
