@@ -25,6 +25,7 @@ viscous_N_s_per_m
 offset_N
 reference_at
 table_share
+working_days
 residual_ratio
 start_C
 end_C

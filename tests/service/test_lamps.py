@@ -23,8 +23,9 @@ from ballscrew.recording.quality.finding import Quality
 from ballscrew.service.alarms import watch_for_silence
 from ballscrew.service.serving import Service
 from ballscrew.store.adding import add_run
+from ballscrew.store.calendars import EVERY_DAY, RunCalendar
 from ballscrew.store.changing import exclude
-from ballscrew.store.lamps import EVERY_DAY, URGENCY, RunCalendar, add_lamps
+from ballscrew.store.lamps import URGENCY, add_lamps
 from ballscrew.store.reporting import report
 from ballscrew.store.service_tables import Setup
 

@@ -55,6 +55,7 @@ def test_an_option_overrides_the_environment_which_overrides_the_file(
         ('working_days = ["Montag"]', "working_days"),
         ("working_days = []", "working_days"),
         ('holidays = ["Christmas"]', "holidays"),
+        ('shifts = ["6-14"]', "a shift is '6-14'; it must be such as 06:00-14:00."),
     ],
 )
 def test_a_wrong_setting_is_a_sentence(tmp_path: Path, text: str, message: str) -> None:
@@ -80,6 +81,7 @@ WORKING = {"working_days": ("Mon", "Tue", "Wed", "Thu", "Fri"), "time_zone": "Eu
         ("2026-03-27T00:00+01:00", "2026-03-31T00:00+02:00", 48, WORKING),  # with the change to summer time
         ("2026-03-29T00:00+01:00", "2026-03-30T00:00+02:00", 23, {"time_zone": "Europe/Berlin"}),
         ("2026-01-02T08:00Z", "2026-01-01T08:00Z", 0, {}),
+        ("2026-01-02T13:00+01:00", "2026-01-05T07:00+01:00", 2, WORKING | {"shifts": ("06:00-14:00",)}),
     ],
 )
 def test_silence_is_counted_on_working_days_alone(
@@ -92,6 +94,9 @@ def test_silence_is_counted_on_working_days_alone(
         assert present > calendar.after(start, timedelta(hours=hours, seconds=-1))
 
 
+_MONDAYS = tuple(date(2027, 1, 4) + timedelta(weeks=week) for week in range(52))
+
+
 def test_days_are_read_from_the_file_and_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "server.toml"
     path.write_text('working_days = ["Mon", "Tue"]\nholidays = [2026-12-25]\ntime_zone = "Asia/Tokyo"\n')
@@ -100,6 +105,8 @@ def test_days_are_read_from_the_file_and_printed(tmp_path: Path, capsys: pytest.
     assert run(["serve", "--data", str(tmp_path), "--check", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)["settings"]
     assert printed["holidays"]["value"] == ["2026-12-25"]
+    (problem,) = ServerSettings(working_days=("Mon",), holidays=_MONDAYS).problems()
+    assert problem == "holidays: 2027 has no working day besides."
     for zone in ("Mars/Base", "", "../x", "\x00", "/etc/passwd"):
         (problem,) = ServerSettings(time_zone=zone).problems()
         assert problem.startswith("time_zone: ")

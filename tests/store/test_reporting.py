@@ -174,13 +174,15 @@ def test_the_worst_axis_is_first_and_one_without_a_model_is_not_assessed(
 def changed(plant: Store) -> Iterator[Callable[..., None]]:
     """Changes columns of the axis that is normal, until the end of the test."""
 
-    def change(period: float | None = None, changed_at: str | None = None) -> None:
+    def change(
+        period: float | None = None, changed_at: str | None = None, calendar: dict[str, Any] | None = None
+    ) -> None:
         with plant.write("test") as session:
             axis = find_axis(session, "A axis")
             axis.changed_at = changed_at
             setup = session.get(Setup, axis.id) or Setup(axis_id=axis.id, set_up_at=at(0.0))
             setup.sheet = setup.plan = setup.channels = None
-            setup.period_s, setup.grace_s = period, 0.0
+            setup.period_s, setup.grace_s, setup.calendar = period, 0.0, calendar
             session.add(setup)
 
     yield change
@@ -204,6 +206,15 @@ def test_what_is_not_known_is_never_good(
     assert f">○</span>&nbsp;{words}<" in page
     assert ">●</span>&nbsp;normal<" not in page.split("What to do")[0]
     assert "1 alarm, 1 unknown, 1 not assessed" in page
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_a_report_without_a_server_has_the_calendar_of_the_axis(
+    plant: Store, tmp_path: Path, changed: Callable[..., None]
+) -> None:
+    idle = [str((TIME - timedelta(days=day)).date()) for day in range(-1, 60)]
+    changed(period=3600.0, calendar={"holidays": idle})
+    assert ">●</span>&nbsp;normal<" in page_of(plant, tmp_path)
 
 
 @pytest.mark.usefixtures("without_pictures")

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import json
 import shutil
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
 from sqlalchemy import select
 
+from ballscrew.store.calendars import EVERY_DAY, calendar_of
 from ballscrew.store.opened import OpenStore
+from ballscrew.store.rows import checksum_of_values
+from ballscrew.store.service_tables import Setup
 from ballscrew.store.store import Store
 from ballscrew.store.tables import SCHEMA, Audit
 
@@ -51,3 +56,20 @@ def test_a_store_of_an_earlier_schema_gives_its_answers(folder: Path, tmp_path: 
     assert [row.detail["changed"]["schema"] for row in migrated] == [
         each for each in schemas if each[0] != SCHEMA
     ]
+
+
+def test_a_schedule_of_schema_0005_is_that_of_the_server_after_the_migration(tmp_path: Path) -> None:
+    path = tmp_path / "store"
+    shutil.copytree(Path(__file__).parent / "schema-0005", path)
+    row = {"axis_id": 1, "sheet": None, "plan": None, "channels": None, "period_s": 3600.0, "grace_s": 60.0}
+    row["set_up_at"] = "2026-01-01T00:00:00+00:00"
+    with closing(sqlite3.connect(path / "store.sqlite")) as database, database:
+        database.execute(
+            "INSERT INTO setups VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*row.values(), checksum_of_values(row))
+        )
+    Store.migrate(path)
+    assert Store(path).verify(path).faults == ()
+    with OpenStore(path).read() as session:
+        setup = session.get_one(Setup, 1)
+    assert (setup.period_s, setup.grace_s, setup.calendar) == (3600.0, 60.0, None)
+    assert calendar_of(setup, EVERY_DAY) is EVERY_DAY

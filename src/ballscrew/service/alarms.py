@@ -19,9 +19,9 @@ from ballscrew.service.access import MaintainerCaller, RunningService, ViewerCal
 from ballscrew.service.counting import doubted_runs, doubts_of
 from ballscrew.service.jobs import request_assessment
 from ballscrew.service.serving import RefusedError, Service
-from ballscrew.service.settings import ServerSettings
 from ballscrew.store.adding import insert_events
 from ballscrew.store.alarms import alarm_document, alarm_documents, alarm_over_at
+from ballscrew.store.calendars import RunCalendar, calendar_of
 from ballscrew.store.findings import stored_finding
 from ballscrew.store.folder import now
 from ballscrew.store.opened import record
@@ -309,11 +309,11 @@ def watch_for_silence(service: Service, at: datetime | None = None) -> None:
     at : datetime, optional
         The present time.
     """
-    at = at or datetime.now(UTC)
+    at, server = at or datetime.now(UTC), service.settings.calendar
     with service.store.read() as session:
         late: dict[int, tuple[str, str] | None] = {}
         for setup in session.scalars(select(Setup).where(Setup.period_s.is_not(None))):
-            late[setup.axis_id] = _silent_since(session, service.settings, setup, at)
+            late[setup.axis_id] = _silent_since(session, server, setup, at)
         standing = select(Trouble.axis_id).where(Trouble.kind == SILENCE, Trouble.ended_at.is_(None))
         raised = set(session.scalars(standing))
     late |= dict.fromkeys(raised - late.keys())  # of a schedule that was removed
@@ -329,7 +329,7 @@ def watch_for_silence(service: Service, at: datetime | None = None) -> None:
 
 
 def _silent_since(
-    session: Session, settings: ServerSettings, setup: Setup, at: datetime
+    session: Session, server: RunCalendar, setup: Setup, at: datetime
 ) -> tuple[str, str] | None:
     """Receipt of the newest run of an axis, or its set-up, and when the next was overdue; None if it is not.
 
@@ -347,5 +347,5 @@ def _silent_since(
             newest = upload.received_at
             break
     patience = timedelta(seconds=(setup.period_s or 0.0) + (setup.grace_s or 0.0))
-    overdue_at = settings.calendar.after(moment(newest, "received_at"), patience)
+    overdue_at = calendar_of(setup, server).after(moment(newest, "received_at"), patience)
     return None if at <= overdue_at else (newest, overdue_at.isoformat())

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from sqlalchemy import select
 
 from ballscrew.axis.sheet_file import read_axis
@@ -24,8 +25,10 @@ from ballscrew.service.counting import check_time
 from ballscrew.service.jobs import request_assessment
 from ballscrew.service.reading import missing_of
 from ballscrew.service.serving import RefusedError, Service
+from ballscrew.service.settings import Shifts
 from ballscrew.service.stored_runs import locate_run
 from ballscrew.store.adding import add_events, add_model, add_sheet, insert_document
+from ballscrew.store.calendars import CALENDAR, LONGEST_WAIT, RunCalendar, Weekday, known_zone
 from ballscrew.store.changing import choose_model, correct_run, exclude
 from ballscrew.store.folder import now
 from ballscrew.store.histories import read_stored_history
@@ -45,12 +48,36 @@ _LONGEST = 1 << 20  # characters of a document
 Kind = Literal["runs", "events"]
 
 
+def _checked_zone(name: str) -> str:
+    if known_zone(name) is None:
+        raise ValueError(f"{shown(name)} is no known time zone; give one such as Europe/Berlin")
+    return name
+
+
+TimeZone = Annotated[str, Field(max_length=64), AfterValidator(_checked_zone)]
+
+
 class Schedule(BaseModel):
-    """When runs of an axis are expected."""
+    """When runs of an axis are expected; without a value of its calendar, that of the server."""
 
     model_config = ConfigDict(extra="forbid")
-    period_s: float = Field(gt=0, le=1e9, description="Time from one run to the next.")
+    period_s: float = Field(gt=0, le=1e9, description="Time from one run to the next, within shifts.")
     grace_s: float = Field(0.0, ge=0, le=1e9, description="Time beyond it until an alarm is raised.")
+    working_days: tuple[Weekday, ...] | None = Field(
+        default=None, min_length=1, max_length=7, description="Days of the week on which runs are expected."
+    )
+    holidays: tuple[date, ...] | None = Field(
+        default=None, max_length=1000, description="Days on which none are expected besides."
+    )
+    time_zone: TimeZone | None = Field(default=None, description="Of these days, such as Europe/Berlin.")
+    shifts: Shifts | None = Field(
+        default=None, description="Times of these days, such as 06:00-14:00; an empty list is the whole day."
+    )
+
+    @property
+    def calendar(self) -> dict[str, Any]:
+        """Values of the calendar that are stated."""
+        return self.model_dump(mode="json", include=set(CALENDAR), exclude_none=True)
 
 
 class AxisSetup(BaseModel):
@@ -93,6 +120,7 @@ class NewCorrection(BaseModel):
 @router.put("")
 def set_up_axis(axis: str, setup: AxisSetup, caller: AdminCaller, service: RunningService) -> dict[str, Any]:
     """Set up an axis: machine, data sheet, plan, channel map and schedule."""
+    _check_schedule(setup.schedule, service.settings.calendar)
     digests: dict[str, str] = {}
     texts = {"axis": setup.sheet, "plan": setup.plan, "channels": setup.channels}
     with text_files(texts) as paths:
@@ -113,9 +141,7 @@ def set_up_axis(axis: str, setup: AxisSetup, caller: AdminCaller, service: Runni
             found = Setup(axis_id=row.id, set_up_at=now())
             session.add(found)
         found.sheet, found.plan, found.channels = (digests.get(kind) for kind in texts)
-        found.period_s = found.grace_s = None
-        if setup.schedule is not None:
-            found.period_s, found.grace_s = setup.schedule.period_s, setup.schedule.grace_s
+        _set_schedule(found, setup.schedule)
         changed = {}
         for name, value in _setup_document(found).items():
             if before[name] != value:
@@ -126,9 +152,34 @@ def set_up_axis(axis: str, setup: AxisSetup, caller: AdminCaller, service: Runni
     return document | {"missing": missing_of(service, axis)}
 
 
+def _check_schedule(schedule: Schedule | None, server: RunCalendar) -> None:
+    """Refuse a schedule by which a run is never due."""
+    if schedule is None:
+        return
+    calendar, begin = server.changed(schedule.calendar), datetime.now(UTC)
+    problem = calendar.problem()
+    if problem is not None:
+        raise InputError(f"schedule: {problem}")
+    wait = timedelta(seconds=schedule.period_s + schedule.grace_s)
+    if calendar.after(begin, wait) >= begin + LONGEST_WAIT:
+        raise InputError("schedule: period_s and grace_s are more than the shifts of 100 years.")
+
+
+def _set_schedule(row: Setup, schedule: Schedule | None) -> None:
+    row.period_s = row.grace_s = row.calendar = None
+    if schedule is not None:
+        row.period_s, row.grace_s, row.calendar = (
+            schedule.period_s,
+            schedule.grace_s,
+            schedule.calendar or None,
+        )
+
+
 def _setup_document(row: Setup | None) -> dict[str, Any]:
     """What is set up for an axis, for the audit."""
-    return {name: getattr(row, name, None) for name in ("sheet", "plan", "channels", "period_s", "grace_s")}
+    found = {name: getattr(row, name, None) for name in ("sheet", "plan", "channels", "period_s", "grace_s")}
+    calendar = getattr(row, "calendar", None) or {}
+    return found | {name: calendar.get(name) for name in CALENDAR}
 
 
 @router.put("/model")

@@ -34,6 +34,7 @@ from ballscrew.service.messages import TEST_MESSAGE
 from ballscrew.service.runs import QUEUED, SET_ASIDE, upload_documents
 from ballscrew.service.serving import RefusedError, Service, UnknownAxisError
 from ballscrew.service.stored_runs import StoredRun, locate_run, result_document
+from ballscrew.store.calendars import CALENDAR, calendar_of
 from ballscrew.store.explaining import find_explanation
 from ballscrew.store.lamps import add_lamps
 from ballscrew.store.opened import record
@@ -168,8 +169,19 @@ def axis_document(service: Service, axis: str) -> dict[str, Any]:
         missing, refusals = _all_missing(session), _refusals(session)
         document["explanation"] = find_explanation(session, row)
         _add_missing(document, missing.get(axis, []), refusals.get(axis))
-        add_lamps(session, [document], datetime.now(UTC), service.settings.calendar)
+        server, setup = service.settings.calendar, session.get(Setup, row.id)
+        add_lamps(session, [document], datetime.now(UTC), server)
+        document["schedule"] = _schedule(setup)
+        document["calendar"] = calendar_of(setup, server).to_settings()
     return document
+
+
+def _schedule(setup: Setup | None) -> dict[str, Any] | None:
+    """Schedule of an axis as it was set up, None for each value that is the server's; None without one."""
+    if setup is None or setup.period_s is None:
+        return None
+    calendar = dict.fromkeys(CALENDAR) | (setup.calendar or {})
+    return {"period_s": setup.period_s, "grace_s": setup.grace_s} | calendar
 
 
 @router.get("/axes/{axis}/state")

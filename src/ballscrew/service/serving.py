@@ -209,7 +209,8 @@ def _refuse_invalid(request: Request, error: Exception) -> JSONResponse:  # noqa
     """Sentence about a parameter or a body that is not valid."""
     first = cast("RequestValidationError", error).errors()[0]
     place = ".".join(map(str, first["loc"]))
-    return JSONResponse({"detail": printable(f"{place}: {first['msg']}.")}, UNPROCESSABLE)
+    reason = first["msg"].removeprefix("Value error, ")
+    return JSONResponse({"detail": printable(f"{place}: {reason}.")}, UNPROCESSABLE)
 
 
 def _refuse_http(request: Request, error: Exception) -> JSONResponse:  # noqa: ARG001

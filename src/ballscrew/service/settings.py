@@ -9,11 +9,10 @@ from collections.abc import Mapping
 from contextlib import suppress
 from datetime import date
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from pydantic import BaseModel, Field, SecretStr, ValidationError
+from pydantic import AfterValidator, BaseModel, Field, SecretStr, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
 from ballscrew.base.errors import InputError, shown
@@ -26,7 +25,7 @@ from ballscrew.service.recipients import (
     WebhookRecipient,
     recipient_problems,
 )
-from ballscrew.store.lamps import RunCalendar
+from ballscrew.store.calendars import CALENDAR, DAYS, RunCalendar, Weekday, known_zone, parse_shifts
 from ballscrew.store.retention import RetentionPolicy
 
 PREFIX = "BALLSCREW_SERVER_"
@@ -34,8 +33,14 @@ PREFIX = "BALLSCREW_SERVER_"
 
 CONFIG = "server.toml"
 
-Weekday = Literal["Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun"]
-DAYS: tuple[Weekday, ...] = get_args(Weekday)
+
+def _checked_shifts(texts: tuple[str, ...]) -> tuple[str, ...]:
+    parse_shifts(texts)
+    return texts
+
+
+Shifts = Annotated[tuple[str, ...], Field(max_length=24), AfterValidator(_checked_shifts)]
+"""Shifts such as 06:00-14:00."""
 
 
 class ServerSettings(BaseSettings):
@@ -92,6 +97,9 @@ class ServerSettings(BaseSettings):
     )
     holidays: tuple[date, ...] = Field((), description="Days on which none are expected besides.")
     time_zone: str = Field("UTC", description="Time zone of these days, such as Europe/Berlin.")
+    shifts: Shifts = Field(
+        (), description="Times of these days, such as 06:00-14:00, outside of which no silence is counted."
+    )
     public_url: str | None = Field(None, description="Address at which people reach the server, for links.")
     smtp: SmtpServer | None = Field(None, description="Server that takes the e-mails.")
     email: tuple[EmailRecipient, ...] = Field((), description="Who receives messages by e-mail.")
@@ -122,9 +130,8 @@ class ServerSettings(BaseSettings):
 
     @property
     def calendar(self) -> RunCalendar:
-        """Days on which runs are expected."""
-        weekdays = tuple(DAYS.index(day) for day in self.working_days)
-        return RunCalendar(weekdays, self.holidays, ZoneInfo(self.time_zone))
+        """When runs of an axis are expected whose schedule does not state it."""
+        return RunCalendar().changed(self.model_dump(mode="json", include=set(CALENDAR)))
 
     @property
     def recipients(self) -> tuple[Recipient, ...]:
@@ -140,10 +147,9 @@ class ServerSettings(BaseSettings):
             path = getattr(self, name)
             if path is not None and not path.is_file():
                 found.append(f"{name}: {path} is not a file.")
-        try:
-            ZoneInfo(self.time_zone)
-        except (ZoneInfoNotFoundError, ValueError, OSError):
+        if known_zone(self.time_zone) is None:
             found.append(f"time_zone: {shown(self.time_zone)} is not known; give one such as Europe/Berlin.")
+        found += filter(None, [self.calendar.problem()])
         if not self.on_loopback and self.certificate is None and not self.allow_plain_http:
             found.append(
                 f"{self.host} is not a loopback address: give certificate and private_key, or set "

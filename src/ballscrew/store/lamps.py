@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from datetime import UTC, date, datetime, time, timedelta, tzinfo
+from datetime import datetime, timedelta
 from typing import Any
 
 from sqlalchemy import and_, func, select
@@ -14,6 +13,7 @@ from ballscrew.base.reasons import coded
 from ballscrew.monitoring.epochs import BEGINS, moment
 from ballscrew.report.what_to_do import what_to_do
 from ballscrew.store.alarms import standing_alarms, to_close
+from ballscrew.store.calendars import EVERY_DAY, RunCalendar, calendar_of
 from ballscrew.store.explaining import stored_advice
 from ballscrew.store.rows import batched
 from ballscrew.store.service_tables import JobRow, Setup, Upload
@@ -30,42 +30,6 @@ CLOCK_TOLERANCE = 300.0
 
 _REMAINING = ("alarm", "unloaded", "watch", "suspect", "not assessed", "unknown")
 _STALE = timedelta(days=31)  # age of the newest run beyond which an axis without a schedule is unknown
-
-
-@dataclass(frozen=True)
-class RunCalendar:
-    """Days on which runs are expected.
-
-    Parameters
-    ----------
-    weekdays : tuple of int
-        Of these, Monday is 0; at least one.
-    holidays : tuple of date
-        Days on which none are expected besides.
-    zone : tzinfo
-        Time zone of these days.
-    """
-
-    weekdays: tuple[int, ...] = tuple(range(7))
-    holidays: tuple[date, ...] = ()
-    zone: tzinfo = UTC
-
-    def after(self, begin: datetime, wait: timedelta) -> datetime:
-        """Time at which a time after ``begin`` has passed, counted on these days alone, UTC."""
-        if len(self.weekdays) == 7 and not self.holidays:
-            return begin.astimezone(UTC) + wait
-        begin, day = begin.astimezone(UTC), begin.astimezone(self.zone).date()
-        while True:
-            midnight = datetime.combine(day + timedelta(days=1), time(), self.zone).astimezone(UTC)
-            if day.weekday() in self.weekdays and day not in self.holidays:
-                if begin + wait < midnight:
-                    return begin + wait
-                wait -= midnight - begin
-            begin, day = midnight, day + timedelta(days=1)
-
-
-EVERY_DAY = RunCalendar()
-"""Runs are expected on all days."""
 
 
 def add_lamps(
@@ -88,7 +52,7 @@ def add_lamps(
     at : datetime
         The present time.
     calendar : RunCalendar
-        Days on which runs are expected by a schedule.
+        That of an axis whose schedule states no other.
     """
     numbers, unassessed = _axes(session)
     setups = {row.axis_id: row for row in session.scalars(select(Setup))}
@@ -99,11 +63,12 @@ def add_lamps(
     for document in documents:
         name = document["axis"]
         number, alarms = numbers[name], standing.get(name, [])
+        setup = setups.get(number)
         document["waiting"] = waiting.get(name)
-        _add_measurement(
-            document, alarms, setups.get(number), at, calendar, is_bad=document["newest_run"] in bad
-        )
-        because = _why_not_recent(document["assessed_until"], setups.get(number), at, calendar)
+        because, document["due_at"] = _why_not_recent(document["newest_at"], setup, at, calendar)
+        _add_measurement(document, alarms, because, is_bad=document["newest_run"] in bad)
+        if document["assessed_until"] != document["newest_at"]:
+            because, _ = _why_not_recent(document["assessed_until"], setup, at, calendar)
         if because is None and number in unassessed:
             because = "set aside"
         if _is_reset(document["assessed_until"], resets.get(number), at):
@@ -114,18 +79,9 @@ def add_lamps(
 
 
 def _add_measurement(
-    document: dict[str, Any],
-    alarms: Sequence[dict[str, Any]],
-    setup: Setup | None,
-    at: datetime,
-    calendar: RunCalendar,
-    *,
-    is_bad: bool,
+    document: dict[str, Any], alarms: Sequence[dict[str, Any]], because: str | None, *, is_bad: bool
 ) -> None:
-    """Add ``measurement`` and ``due_at`` to the document of an axis."""
-    newest = document["newest_at"]
-    because = _why_not_recent(newest, setup, at, calendar)
-    document["due_at"] = None if because == "future" else due_at(setup, newest, calendar)
+    """Add ``measurement`` to the document of an axis."""
     recent = because is None
     if recent and is_bad:
         because = "bad"
@@ -222,33 +178,37 @@ def _is_reset(newest: str | None, reset: float | None, at: datetime) -> bool:
     return moment(newest, "newest_at").timestamp() < reset <= at.timestamp()
 
 
-def due_at(setup: Setup | None, newest: str | None, calendar: RunCalendar = EVERY_DAY) -> str | None:
-    """Time at which the next run of an axis is due by its schedule; None without one."""
-    if setup is None or setup.period_s is None:
-        return None
-    last = max(moment(each, "a run") for each in (newest, setup.set_up_at) if each is not None)
-    return calendar.after(last, timedelta(seconds=setup.period_s)).isoformat()
-
-
 def _is_future(newest: str | None, at: datetime) -> bool:
     """Whether the newest run is later than the present: its time shows neither its age nor the next run."""
     return newest is not None and moment(newest, "newest_at") > at + timedelta(seconds=CLOCK_TOLERANCE)
 
 
 def _why_not_recent(
-    newest: str | None, setup: Setup | None, at: datetime, calendar: RunCalendar
-) -> str | None:
-    """Why the newest run of an axis does not show its present state; None where it does."""
-    if newest is None:
-        return "no run"
+    newest: str | None, setup: Setup | None, at: datetime, server: RunCalendar
+) -> tuple[str | None, str | None]:
+    """Why the newest run of an axis does not show its present state, or None; when the next one is due."""
     if _is_future(newest, at):
-        return "future"
-    due, because = due_at(setup, newest, calendar), "overdue"
-    if due is not None and setup is not None:
-        limit = calendar.after(moment(due, "due_at"), timedelta(seconds=setup.grace_s or 0.0))
-    else:
-        limit, because = moment(newest, "newest_at") + _STALE, "old"
-    return because if at > limit else None
+        return "future", None
+    expected = _expected(setup, newest, server)
+    due = None if expected is None else expected[0].isoformat()
+    if newest is None:
+        return "no run", due
+    limit, because = moment(newest, "newest_at") + _STALE, "old"
+    if expected is not None:
+        limit, because = expected[1], "overdue"
+    return because if at > limit else None, due
+
+
+def _expected(
+    setup: Setup | None, newest: str | None, server: RunCalendar
+) -> tuple[datetime, datetime] | None:
+    """When the next run of an axis is due by its schedule, and from when it is overdue; None without one."""
+    if setup is None or setup.period_s is None:
+        return None
+    calendar = calendar_of(setup, server)
+    last = max(moment(each, "a run") for each in (newest, setup.set_up_at) if each is not None)
+    due = calendar.after(last, timedelta(seconds=setup.period_s))
+    return due, calendar.after(due, timedelta(seconds=setup.grace_s or 0.0))
 
 
 def _lamp(state: str, because: str | None) -> dict[str, Any]:

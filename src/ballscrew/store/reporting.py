@@ -23,9 +23,10 @@ from ballscrew.report.pdf_pages import write_pdf
 from ballscrew.report.stored_axis import StoredAxis, state_words
 from ballscrew.store.alarms import ENDED, alarm_documents, to_close
 from ballscrew.store.assessing import newest_assessment
+from ballscrew.store.calendars import EVERY_DAY, RunCalendar
 from ballscrew.store.explaining import explanation, find_explanation
 from ballscrew.store.folder import check_outside_stores
-from ballscrew.store.lamps import EVERY_DAY, RunCalendar, add_lamps, coded_actions
+from ballscrew.store.lamps import add_lamps, coded_actions
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.reading import find_axis
 from ballscrew.store.showing import axis_document
@@ -67,7 +68,7 @@ def report(
         Time by which a run is overdue; by default now, or that of the environment's SOURCE_DATE_EPOCH. The
         same store and time give the same file.
     calendar : RunCalendar
-        Days on which runs are expected by a schedule.
+        That of an axis whose schedule states no other.
     progress : callable
         Called after each axis.
 

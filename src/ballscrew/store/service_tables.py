@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from sqlalchemy import (
+    JSON,
     ForeignKey,
     UniqueConstraint,
 )
@@ -17,7 +18,8 @@ from ballscrew.store.rows import Base, Checked
 class Setup(Checked, Base):
     """Documents of an axis for the recordings that are sent to the service, and when runs are expected.
 
-    ``sheet``, ``plan`` and ``channels`` are digests of documents; a run is expected every ``period_s``.
+    ``sheet``, ``plan`` and ``channels`` are digests of documents; a run is expected every ``period_s`` by
+    ``calendar``, which has the values that are not those of the server.
     """
 
     __tablename__ = "setups"
@@ -27,6 +29,7 @@ class Setup(Checked, Base):
     channels: Mapped[str | None] = mapped_column(ForeignKey("documents.digest"))
     period_s: Mapped[float | None]
     grace_s: Mapped[float | None]
+    calendar: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
     set_up_at: Mapped[str]
 
 

@@ -22,10 +22,10 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from ballscrew.store.rows import Base, Checked
 
-SCHEMA = "0005"
+SCHEMA = "0006"
 """Newest version of the schema, as Alembic has it."""
 
-SCHEMAS = ("0001", "0002", "0003", "0004", SCHEMA)
+SCHEMAS = ("0001", "0002", "0003", "0004", "0005", SCHEMA)
 """All of them, by age."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
@@ -29,6 +30,33 @@ def test_the_set_up_is_saved_as_it_is_shown(client: TestClient) -> None:
     assert "# &lt;script&gt;alert" in page
     assert 'name="period" size="6" value="1.5"' in page
     assert 'name="grace" size="6" value="0.25"' in page
+
+
+def test_the_calendar_is_saved_as_it_is_shown_and_stays_with_the_next_change(client: TestClient) -> None:
+    page = get(client, ADDRESS)
+    assert 'placeholder="Mon, Tue, Wed, Thu, Fri, Sat, Sun" value=""' in page
+    assert 'placeholder="UTC" value=""' in page
+    calendar = {
+        "working_days": "Mon,Tue Wed",
+        "shifts": "06:00-14:00, 22:00-06:00",
+        "time_zone": "Asia/Tokyo",
+        "holidays": "none",
+    }
+    assert post(client, ADDRESS, **FORM | {"period": "1"} | calendar).status_code == 303
+    page = get(client, ADDRESS)
+    fields = dict(re.findall(r'name="(\w+)" size="28"[^>]* value="([^"]*)"', page))
+    assert fields == calendar | {"working_days": "Mon, Tue, Wed"}
+    assert "<details open><summary>Shifts and holidays" in page
+    assert post(client, ADDRESS, **FORM | {"period": "2"} | fields).status_code == 303
+    document = client.get("/api/v1/axes/bench").json()
+    assert document["schedule"] == {
+        "period_s": 2 * 86400.0,
+        "grace_s": 0.0,
+        "working_days": ["Mon", "Tue", "Wed"],
+        "holidays": [],
+        "time_zone": "Asia/Tokyo",
+        "shifts": ["06:00-14:00", "22:00-06:00"],
+    }
 
 
 def test_a_change_of_comments_alone_is_not_stored_and_the_page_says_so(client: TestClient) -> None:
@@ -63,6 +91,12 @@ def test_a_new_axis_is_set_up_by_the_name_in_its_data_sheet(client: TestClient) 
         ({"period": "0"}, "The period must be greater than 0 days."),
         ({"period": "1", "grace": "-1"}, "The grace time is '-1'"),
         ({"period": "1e400"}, "The period is '1e400'"),
+        ({"shifts": "06:00-14:00"}, "Working days and shifts need a period."),
+        ({"period": "1", "shifts": HOSTILE}, "it must be such as 06:00-14:00."),
+        ({"period": "1", "working_days": "Montag"}, "'Montag'; they must be of Mon, Tue, "),
+        ({"period": "1", "working_days": "none"}, "Working days must not be empty."),
+        ({"period": "1", "holidays": "Christmas"}, "Holidays must be dates such as 2026-12-25."),
+        ({"period": "1", "time_zone": HOSTILE}, "is no known time zone; give one such as Europe/Berlin."),
         ({"plan": "", "do": "check"}, "a check needs a data sheet and a plan."),
         ({"plan": "positions = 1", "do": "check"}, "plan.toml"),
         (

@@ -29,6 +29,8 @@ _SENTENCES = {
     "greater_than": "{field} must be greater than {gt:g}.",
     "greater_than_equal": "{field} must be {ge:g} or greater.",
     "less_than_equal": "{field} must be {le:g} or less.",
+    "date_from_datetime_parsing": "{field} must be dates such as 2026-12-25.",
+    "value_error": "{field}: {error}.",
 }
 
 
@@ -108,7 +110,7 @@ def entered(model: type[Body], labels: Mapping[str, str], **values: Any) -> Body
         return model(**values)
     except ValidationError as error:
         first = error.errors()[0]
-        name = str(first["loc"][-1])
+        name = next(part for part in reversed(first["loc"]) if isinstance(part, str))
         template = _SENTENCES.get(first["type"], "{field} is not valid.")
         sentence = template.format(field=labels.get(name, name), **first.get("ctx", {}))
         raise InputError(sentence) from None

@@ -24,7 +24,8 @@ from ballscrew.service.pages.forms import Outcome, PostedForm, entered, go_to, r
 from ballscrew.service.pages.rendering import address_of, render
 from ballscrew.service.reading import axis_document
 from ballscrew.service.runs import setup_texts
-from ballscrew.service.serving import UNPROCESSABLE, RefusedError, Service
+from ballscrew.service.serving import UNPROCESSABLE, RefusedError, Service, service_of
+from ballscrew.store.calendars import CALENDAR, DAYS
 from ballscrew.store.raw_files import text_files
 from ballscrew.store.reading import find_axis
 from ballscrew.store.service_tables import Setup
@@ -41,7 +42,12 @@ _LABELS = {
     "sheet": "The data sheet",
     "plan": "The plan",
     "channels": "The channel map",
+    "working_days": "Working days",
+    "holidays": "Holidays",
+    "time_zone": "Time zone",
+    "shifts": "Shifts",
 }
+_NONE = "none"  # of an empty list
 
 
 @router.get("/setup")
@@ -122,13 +128,6 @@ def download_gcode(
 
 def _save(axis: str, form: Mapping[str, Any], caller: Caller, service: Service) -> Response:
     """Set up an axis as the form states."""
-    schedule = None
-    if form.get("period", "").strip():
-        period = _seconds("The period", form["period"])
-        grace = _seconds("The grace time", form.get("grace", "").strip() or "0")
-        if period == 0:
-            raise InputError("The period must be greater than 0 days.")
-        schedule = Schedule(period_s=period, grace_s=grace)
     setup = entered(
         AxisSetup,
         _LABELS,
@@ -137,7 +136,7 @@ def _save(axis: str, form: Mapping[str, Any], caller: Caller, service: Service) 
         sheet=form.get("sheet", ""),
         plan=_text(form, "plan"),
         channels=_text(form, "channels"),
-        schedule=schedule,
+        schedule=_schedule(form),
     )
     if not setup.sheet.strip():
         raise InputError("The data sheet must not be empty.")
@@ -146,6 +145,34 @@ def _save(axis: str, form: Mapping[str, Any], caller: Caller, service: Service) 
     entered_texts = [setup.sheet, setup.plan or "", setup.channels or ""]
     is_same = entered_texts == [stored[name] for name in ("sheet", "plan", "channels")]
     return go_to(address_of(axis, "setup"), "setup" if is_same else "comments")
+
+
+def _schedule(form: Mapping[str, Any]) -> Schedule | None:
+    """Schedule that a form states; None without a period."""
+    calendar: dict[str, Any] = {}
+    for name in CALENDAR:
+        text = form.get(name, "").strip()
+        if text:
+            calendar[name] = _stated(name, text)
+    if not form.get("period", "").strip():
+        if calendar:
+            raise InputError("Working days and shifts need a period.")
+        return None
+    period = _seconds("The period", form["period"])
+    grace = _seconds("The grace time", form.get("grace", "").strip() or "0")
+    if period == 0:
+        raise InputError("The period must be greater than 0 days.")
+    return entered(Schedule, _LABELS, period_s=period, grace_s=grace, **calendar)
+
+
+def _stated(name: str, text: str) -> str | list[str]:
+    """Value of a calendar: words with commas or spaces, no word where it is ``none``."""
+    if name == "time_zone":
+        return text
+    words = [] if text.lower() == _NONE else text.replace(",", " ").split()
+    if name == "working_days" and not set(words) <= set(DAYS):
+        raise InputError(f"Working days are {shown(text)}; they must be of {', '.join(DAYS)}.")
+    return words
 
 
 def _text(form: Mapping[str, Any], name: str) -> str | None:
@@ -211,6 +238,15 @@ def _stored(service: Service, axis: str) -> dict[str, str]:
         if setup is not None and setup.period_s is not None:
             found["period"] = f"{setup.period_s / _DAY:g}"
             found["grace"] = f"{(setup.grace_s or 0.0) / _DAY:g}"
+            found |= _calendar_words(setup.calendar or {})
+    return found
+
+
+def _calendar_words(calendar: Mapping[str, Any]) -> dict[str, str]:
+    """Values of a calendar as the form has them."""
+    found = {}
+    for name, value in calendar.items():
+        found[name] = value if isinstance(value, str) else ", ".join(value) or _NONE
     return found
 
 
@@ -226,6 +262,7 @@ def _page(
         axis=None if document is None else document["axis"],
         missing=[] if document is None else document["missing"],
         values=values,
+        server=_calendar_words(service_of(request).settings.calendar.to_settings()),
         outcome=outcome,
         dialects=[dialect.name for dialect in DIALECTS],
         done=request.query_params.get("done", ""),
