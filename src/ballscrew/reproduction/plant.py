@@ -238,7 +238,7 @@ _LOOSE = Instruments(pitch_frequency=300.0, pitch_damping=0.05, pitch=(0.0, 1.0)
 _HANGING = Instruments(pitch_frequency=1.0, pitch_damping=0.3, pitch=(0.0, 1.0))
 
 PLANT = (
-    PlantAxis("mill 4 X", "mill 4", "hall 1", _MILL, 20.0, worn=(96.0, 45.0), raised=98),
+    PlantAxis("mill 4 X", "mill 4", "hall 1", _MILL, 20.0, worn=(96.0, 45.0)),
     PlantAxis("mill 4 Y", "mill 4", "hall 1", _MILL, 19.0),
     PlantAxis("mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(101.0, 290.0), recorded=(52, 78)),
     PlantAxis(

@@ -121,9 +121,13 @@ def free_responses(
                 a, b = cosine * a - sine * b, cosine * b + sine * a
             for k in range(2):
                 _filter(pair[k], taps, 1, rows[2 * mode + k])
-        rows *= keep[start:stop]
+        for i in range(start, stop):
+            if not keep[i]:
+                rows[:, i - start] = 0.0
         _orthonormalise(rows)
-        out[start:stop] = rows.T
+        for k in range(rows.shape[0]):
+            for i in range(start, stop):
+                out[i, k] = rows[k, i - start]
 
 
 @compiled()
@@ -132,9 +136,13 @@ def _orthonormalise(x: Array) -> None:
     for row in range(x.shape[0]):
         for _ in range(2):
             for before in range(row):
-                x[row] -= np.dot(x[before], x[row]) * x[before]
+                part = np.dot(x[before], x[row])
+                for i in range(x.shape[1]):
+                    x[row, i] -= part * x[before, i]
         size = math.sqrt(np.dot(x[row], x[row]))
-        x[row] *= 1 / size if size > 0 else 0.0
+        scale = 1 / size if size > 0 else 0.0
+        for i in range(x.shape[1]):
+            x[row, i] *= scale
 
 
 def whitening_filter(residuals: Sequence[Array], floor: float) -> Array:

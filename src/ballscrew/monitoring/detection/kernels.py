@@ -270,32 +270,6 @@ def accumulate_ratio(
 
 
 @compiled(fastmath=_FAST)
-def _update(
-    visit: tuple[Single, Single, Single],
-    wear: Single,
-    gain: Single,
-    most: np.float32,
-    mixture: Single,
-    both: Single,
-    mean: Single,
-    updated: Single,
-    work: tuple[Single, Single],
-    density: Single,
-) -> None:
-    """Density of a visit, and the coefficients after it, of all histories with one onset."""
-    level, repeat, row = visit
-    error, second = work
-    innovation(level, wear, row, mean, error)
-    if len(repeat):
-        innovation(repeat, wear, row, mean, second)
-        pair_density(error, second, mixture, both, density)
-        mean_or_lower(error, second, most)
-    else:
-        run_density(error, mixture, density)
-    update_coefficients(error, gain, most, mean, updated)
-
-
-@compiled(fastmath=_FAST)
 def update_histories(
     visit: tuple[Single, Single, Single],
     wear: Single,
@@ -330,28 +304,55 @@ def update_histories(
     summed : ndarray, shape (s, m)
         Sum of the ratios over the onsets; added to.
     """
-    none, repeated = np.zeros(1, np.float32), len(visit[1]) > 0
+    level, repeat, row = visit
+    none, repeated = np.zeros((1, 1), np.float32), len(repeat) > 0
     healthy, worn, ratio, largest = before
     healthy_after, worn_after, ratio_after, largest_after = after
-    shape = (wear.shape[1], density.shape[1])
-    alone = np.empty((1, shape[1]), np.float32), np.empty((1, shape[1]), np.float32)
-    work, worn_density = (
-        (np.empty(shape, np.float32), np.empty(shape, np.float32)),
-        np.empty(shape, np.float32),
-    )
+    gain, most, mixture, both = healthy_update
+    worn_gain, worn_most, worn_mixture, worn_both = worn_update
+    errors = np.empty((2, wear.shape[1], density.shape[1]), np.float32)
+    worn_density = np.empty(errors.shape[1:], np.float32)
     for g in range(density.shape[0]):
-        gain, most, mixture, both = healthy_update
-        _update(
-            visit, none, gain[g], most[g], mixture[g], both[g], healthy[g], healthy_after[g], alone,
-            density[g : g + 1],
-        )  # fmt: skip
-        gain, most, mixture, both = worn_update
-        for o in range(wear.shape[0]):
-            _update(
-                visit, wear[o], gain[g, o], most[g, o], mixture[g, o], both[g, o], worn[g, o],
-                worn_after[g, o], work, worn_density,
-            )  # fmt: skip
-            accumulate_ratio(
-                worn_density, density[g], repeated, caps, weight[o], ratio[g, o], largest[g, o],
-                ratio_after[g, o], largest_after[g, o], summed[g],
-            )  # fmt: skip
+        for o in range(-1, wear.shape[0]):
+            # One call for both: code that is inlined twice takes twice as long to compile.
+            if o < 0:
+                loss, error, second, found = none[0], errors[0, :1], errors[1, :1], density[g : g + 1]
+                change, bound, single, pair = gain[g], most[g], mixture[g], both[g]
+                mean, updated = healthy[g], healthy_after[g]
+            else:
+                loss, error, second, found = wear[o], errors[0], errors[1], worn_density
+                change, bound = worn_gain[g, o], worn_most[g, o]
+                single, pair = worn_mixture[g, o], worn_both[g, o]
+                mean, updated = worn[g, o], worn_after[g, o]
+            innovation(level, loss, row, mean, error)
+            if repeated:
+                innovation(repeat, loss, row, mean, second)
+                pair_density(error, second, single, pair, found)
+                mean_or_lower(error, second, bound)
+            else:
+                run_density(error, single, found)
+            update_coefficients(error, change, bound, mean, updated)
+            if o >= 0:
+                accumulate_ratio(
+                    found, density[g], repeated, caps, weight[o], ratio[g, o], largest[g, o],
+                    ratio_after[g, o], largest_after[g, o], summed[g],
+                )  # fmt: skip
+
+
+@compiled()
+def overwrite_histories(whole: Array | Single, which: NDArray[np.int_], changed: Array | Single) -> None:
+    """Overwrite some histories; NumPy's indexing of the last axis takes twice the time.
+
+    Parameters
+    ----------
+    whole : ndarray, shape (..., m)
+        Contiguous numbers of m histories.
+    which : ndarray of int, shape (k,)
+        Those to overwrite.
+    changed : ndarray, shape (k, n)
+        Their n numbers.
+    """
+    rows = whole.reshape(changed.shape[1], whole.shape[-1])
+    for row in range(rows.shape[0]):
+        for j in range(len(which)):
+            rows[row, which[j]] = changed[j, row]

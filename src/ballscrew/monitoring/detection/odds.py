@@ -21,6 +21,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.design import Design, Layout
 from ballscrew.monitoring.detection.kernels import (
     VisitUpdate,
+    overwrite_histories,
     pair_mixture,
     run_mixture,
     update_histories,
@@ -90,7 +91,8 @@ class OddsState:
     def put(self, which: NDArray[np.int_], part: OddsState) -> None:
         """Overwrite histories by those of another state."""
         for name in _BY_HISTORY:
-            getattr(self, name)[..., which] = getattr(part, name)
+            changed = np.moveaxis(getattr(part, name), -1, 0)
+            overwrite_histories(getattr(self, name), which, changed.reshape(len(which), -1))
 
 
 _UPDATED = ("healthy", "worn", "ratio", "largest")  # by the compiled loop
