@@ -52,6 +52,10 @@ def test_a_run_shows_its_verdict_its_state_and_its_cells(filled: TestClient) -> 
         value = format_number(cell["frequency_Hz"], 2, "en")
         assert f">{value} ± {format_number(cell['standard_uncertainty_Hz'], 2, 'en')}</td>" in text
         assert f"{format_number(cell['change_Hz'], 2, 'en')} ± " in text
+    percents = re.findall(r'data-value="([^"]*)">([^<]*)</td> <td><span class="verdict', text)
+    for cell, (part, shown) in zip(found["cells"], percents, strict=True):
+        assert float(part) == pytest.approx(100 * (cell["frequency_Hz"] / cell["other_frequency_Hz"] - 1))
+        assert shown == format_number(float(part), 2, "en")
     assert "cells of one position are drawn beside each other" in text
     assert f'href="/runs/{ID[1]}" rel="prev"' in text
     assert f'href="/runs/{ID[3]}" rel="next"' in text
