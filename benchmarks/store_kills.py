@@ -48,6 +48,7 @@ from ballscrew.store.tables import SCHEMA, RawFile, ResultRow, RunRow
 
 _BEGIN = datetime(2026, 1, 1, tzinfo=UTC)
 _LONGER = 1.15  # times the usual duration within which a process is killed
+_MOST_RUNS = 20  # of a store: its verification takes most of the time
 _LATER_SCHEMA = f"{int(SCHEMA) + 1:04d}"
 _LATER = """
 import sqlalchemy as sa
@@ -310,9 +311,7 @@ def kill_all(
         while total_of(outcomes) < kills and time.monotonic() < end:
             kind = chance.choice(kinds)
             outcomes[kind, campaign.kill_once(kind)] += 1
-            if (
-                campaign.runs % 60 == 0 and url is None
-            ):  # a small store: its verification takes most of the time
+            if campaign.runs % _MOST_RUNS == 0 and url is None:
                 shutil.rmtree(campaign.folder)
                 durations = campaign.durations
                 place = folder / str(campaign.runs)

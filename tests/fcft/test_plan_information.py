@@ -44,6 +44,14 @@ def test_time_is_that_of_every_load_and_of_changing_them():
     assert whole == pytest.approx(measuring + 14.0)
 
 
+@pytest.mark.parametrize("slope", [0.0, 5e-324, 1e-12])
+def test_a_nearly_constant_compliance_is_one_without_slope(sheet, slope):
+    straight = replace(from_sheet(sheet, 0.225), slope=slope)
+    found = plan_information(PLAN, straight, prior(sheet, 0.225)[1], SCATTER, 10.0, (0.0, 0.45))
+    (of_slope,) = [each for each in found.accuracy if each.name == "slope"]
+    assert 0 < of_slope.after < of_slope.before < 1
+
+
 def test_what_is_wanted_has_a_curve_only_where_the_screw_has_one(sheet):
     assert [PARAMETERS[i] for i in determined_parameters(from_sheet(sheet, 0.2))] == [
         "compliance",

@@ -345,6 +345,24 @@ def test_the_hour_of_the_digest_is_that_of_the_time_zone_also_when_summer_time_b
         assert before.date().day == day - 1
 
 
+def test_of_two_alarms_one_is_closed_and_the_other_one_is_reported_until_it_is_gone() -> None:
+    plant = Plant()
+    plant.change("alarm-1", "raised")
+    plant.plan()
+    plant.change("alarm-2", "raised")
+    plant.act("alarm-2", "closed")
+    plant.plan()
+    assert plant.log() == ["raised", "raised"]
+    plant.change("alarm-1", "retracted")
+    plant.plan()
+    plant.change("alarm-1", "raised")
+    plant.plan(48)
+    assert plant.log() == ["raised", "raised"]
+    plant.change("alarm-1", "retracted")
+    plant.plan(96)
+    assert plant.log() == ["raised", "raised", "retracted"]
+
+
 STEPS = st.lists(
     st.tuples(
         st.sampled_from(["change", "change", "change", "acknowledged", "shelved", "closed", "raised"]),

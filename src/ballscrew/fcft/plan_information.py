@@ -29,6 +29,7 @@ LATER = (0.9, 0.5)
 """P/P₀ of later runs whose accuracy is predicted."""
 
 _INDEPENDENT = 1e-6  # of the largest singular value of unit columns: rounding is 1e-15, real ones 1e-3
+_STRAIGHT = 1e-9  # slope per m, and curve per m²: what is less is none
 _FLAT = 1e4  # prior variance of the log ratio of a later run: nothing is known of it
 
 
@@ -240,8 +241,10 @@ def plan_information(
     after = posterior(covariance, information)
     minutes, measuring = test_minutes(plan, change_minutes, adjust_minutes)
     scale = np.ones(len(PARAMETERS))  # logarithms are relative as they are
-    scale[PARAMETERS.index("slope")] = abs(model.slope) or 1.0
-    scale[PARAMETERS.index("curve")] = abs(model.curve) or 1.0
+    for name in ("slope", "curve"):
+        size = abs(getattr(model, name))
+        if size > _STRAIGHT:
+            scale[PARAMETERS.index(name)] = size
     scale[PARAMETERS.index("share")] = 1 / (1 - model.share)
     before_uncertainty = np.sqrt(np.diag(covariance)) / scale
     after_uncertainty = np.sqrt(np.maximum(np.diag(after), 0.0)) / scale

@@ -169,14 +169,20 @@ class _Topic:
     def is_known(self) -> bool:
         """Whether recipients know that it stands; what was closed by somebody begins anew."""
         raised = [notice for notice in (*self.reports, *self.waiting) if notice.is_raised]
-        newest = self.states.get(raised[-1].subject) if raised else None
-        if newest is not None and newest.state == "closed":
+        if raised and self._is_closed_since(raised[-1]):
             return False
         for notice in self.reports:
             state = self.states.get(notice.subject)
             if notice.is_raised and (state is None or state.state != "closed"):
                 return True
         return False
+
+    def _is_closed_since(self, notice: Notice) -> bool:
+        """Whether somebody closed an alarm, and nothing was reported of it since."""
+        state = self.states.get(notice.subject)
+        if state is None or state.state != "closed":
+            return False
+        return notice.reported_at is None or state.acted_at is None or notice.reported_at < state.acted_at
 
     @property
     def is_shelved(self) -> bool:
