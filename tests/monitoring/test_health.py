@@ -77,7 +77,10 @@ def test_constant_friction_makes_a_loss_of_preload_less_probable() -> None:
 def test_a_moved_zero_is_named_by_the_cells(moved: float) -> None:
     precise = {"scatter": 1e-5, "uncertainty": 2e-5}
     wear = (lambda _: 1.0) if moved else worn(19.5, 120.0)
-    before, after = history(range(20), **precise), history(range(20, 30), wear, moved=moved, seed=1, **precise)
+    before, after = (
+        history(range(20), **precise),
+        history(range(20, 30), wear, moved=moved, seed=1, **precise),
+    )
     found = assess([*before, *after])
     zero = next(cause for cause in found.causes if cause.cause == "controller")
     assert (zero == found.causes[0]) == bool(moved)

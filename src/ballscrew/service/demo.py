@@ -293,9 +293,9 @@ class _Plant:
         for history in histories:
             for week, path in history.recordings.items():
                 if week not in history.runs:
-                    others.append((week, history.axis.name, history.axis, path))
-        for week, _, axis, path in sorted(others, key=lambda each: each[:2]):
-            with at_time(self._received_at(axis, week)):
+                    others.append((self._received_at(history.axis, week), week, history.axis, path))
+        for at, week, axis, path in sorted(others, key=lambda each: each[0]):
+            with at_time(at):
                 self._send(axis, week, path)
 
     def watch(self, histories: Sequence[AxisHistory]) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from tests.translations import LOCALE, compile_mo, read_po
 
-from ballscrew.service.pages.rendering import environment_of
+from ballscrew.service.pages.rendering import environment_of, page_sentence
 from ballscrew.service.settings import ServerSettings
 
 PATHS = sorted(LOCALE.rglob("*.po"))
@@ -64,3 +64,9 @@ def test_what_is_compiled_is_what_is_written(path: Path) -> None:
     for key, text in messages.items():
         if key and "\0" not in key and "\4" not in key and text:
             assert catalogue.gettext(key) == text
+
+
+def test_times_in_a_sentence_are_those_of_the_language() -> None:
+    text = "no run since 2026-11-07 15:46 UTC: overdue."
+    assert page_sentence(text, "en") == text
+    assert page_sentence(text, "de") == "keine Messung seit 07.11.2026 15:46 UTC: überfällig."

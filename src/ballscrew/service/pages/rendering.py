@@ -49,7 +49,7 @@ MINUS = "\N{MINUS SIGN}"
 
 _FINDINGS = re.compile("; (?=for: |against: |unclear: )")
 _DAY = re.compile(r"\d{4}-\d\d-\d\d")
-_MOMENT = re.compile(r"\d{4}-\d\d-\d\dT[\d:.]+(?:Z|[+-]\d\d:\d\d)")
+_MOMENT = re.compile(r"\d{4}-\d\d-\d\d(?:T[\d:.]+(?:Z|[+-]\d\d:\d\d)| \d\d:\d\d UTC)")
 _NUMBER = re.compile(r"[±+-]?\d+(?:\.\d+)?(?: %)?")
 _MOMENTS = {"en": "yyyy-MM-dd HH:mm", "de": "dd.MM.yyyy HH:mm"}
 
@@ -224,7 +224,7 @@ def _shown(value: str, language: str) -> str:
     if _DAY.fullmatch(value):
         return format_date(date.fromisoformat(value), _MOMENTS[language].split()[0], locale=language)
     if _MOMENT.fullmatch(value):
-        return format_moment(value, language)
+        return format_moment(value.replace(" UTC", "+00:00"), language)
     if not _NUMBER.fullmatch(value):
         return value
     value = value.replace("-", MINUS)
