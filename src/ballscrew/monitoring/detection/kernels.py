@@ -27,11 +27,8 @@ _BIAS, _MANTISSA = np.int32(127), np.int32(23)
 
 
 # Plain tuples: a class in a signature would be part of the stored code, and fail where it is renamed.
-VisitUpdate = tuple[Single, Single, Single, Single]
-"""How a visit updates histories: gain, bound of the innovation, both mixtures."""
-
-OddsArrays = tuple[Single, Single, Single, Single]
-"""Coefficients without and with wear, ratio, and largest factor of a run, as in ``OddsState``."""
+VisitUpdate = tuple[Single, Single, Single, Single]  # gain, bound of the innovation, both mixtures
+OddsArrays = tuple[Single, Single, Single, Single]  # coefficients without and with wear, ratio, largest
 
 
 @compiled(fastmath=_FAST)
