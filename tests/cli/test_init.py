@@ -174,6 +174,7 @@ def test_names_that_no_toml_can_hold(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_file_of_very_many_channels(tmp_path: Path) -> None:
     make(tmp_path / "a.h5", torque=np.zeros(20), **{f"channel{i}": np.zeros(20) for i in range(3000)})
     init([tmp_path / "a.h5"], tmp_path)

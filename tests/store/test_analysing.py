@@ -95,6 +95,7 @@ def test_runs_of_a_lost_worker_are_analysed_again_and_none_is_doubled(
     assert Store.verify(plant).faults == ()
 
 
+@pytest.mark.slow
 def test_a_lost_scheduler_is_a_sentence_and_the_same_call_goes_on(
     plant: Path, cluster: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -21,6 +21,9 @@ def unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "examine", module.examine)
 
 
+@pytest.mark.parametrize(
+    "new_url", ["sqlite", pytest.param("postgresql", marks=pytest.mark.slow)], indirect=True
+)
 def test_nothing_acknowledged_is_lost_and_nothing_doubled(new_url: Callable[[], str | None]) -> None:
     outcomes = store_kills.kill_all(8, url=new_url(), seed=3)
     killed = {key: number for key, number in outcomes.items() if key[1] != "not killed"}

@@ -246,6 +246,7 @@ def test_a_picture_is_drawn_only_of_the_assessment_that_is_stored(
     assert interval_words(plant.show("bench")["stiffness"]) in page
 
 
+@pytest.mark.slow
 def test_the_same_store_and_time_give_the_same_file(plant: Store, tmp_path: Path) -> None:
     for name, axis in (("a.pdf", "bench"), ("a.html", UNKNOWN)):
         files = []

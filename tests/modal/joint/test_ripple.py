@@ -318,6 +318,7 @@ def test_a_tone_is_not_taken_for_the_mode(loud: SmallRun, sheet: DataSheet) -> N
     assert max(off) < 0.2
 
 
+@pytest.mark.slow
 def test_the_second_search_is_dropped_where_it_explains_no_more(
     loud: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
