@@ -208,6 +208,9 @@ def test_holidays_of_any_year_are_possible() -> None:
 def test_a_year_without_a_working_day_is_a_problem() -> None:
     days = [str(date(2027, 1, 1) + timedelta(days=number)) for number in range(365)]
     assert calendar(holidays=tuple(days)).problem() == "holidays: 2027 has no working day besides."
+    of_leap_year = [str(date(2028, 1, 1) + timedelta(days=number)) for number in range(366)]
+    assert calendar(weekdays=(6,), holidays=tuple(of_leap_year)).problem() is not None
+    assert calendar(weekdays=(6,), holidays=tuple(of_leap_year[:-1])).problem() is None
     mondays = tuple(days[3::7])
     assert calendar(weekdays=(0,), holidays=mondays).problem() is not None
     assert calendar(weekdays=(0,), holidays=mondays[1:]).problem() is None

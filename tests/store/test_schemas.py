@@ -58,17 +58,21 @@ def test_a_store_of_an_earlier_schema_gives_its_answers(folder: Path, tmp_path: 
     ]
 
 
-def test_a_schedule_of_schema_0005_is_that_of_the_server_after_the_migration(tmp_path: Path) -> None:
+@pytest.mark.parametrize("damage", [0, 1])
+def test_a_schedule_of_schema_0005_is_that_of_the_server_after_the_migration(
+    tmp_path: Path, damage: int
+) -> None:
     path = tmp_path / "store"
     shutil.copytree(Path(__file__).parent / "schema-0005", path)
     row = {"axis_id": 1, "sheet": None, "plan": None, "channels": None, "period_s": 3600.0, "grace_s": 60.0}
     row["set_up_at"] = "2026-01-01T00:00:00+00:00"
     with closing(sqlite3.connect(path / "store.sqlite")) as database, database:
         database.execute(
-            "INSERT INTO setups VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*row.values(), checksum_of_values(row))
+            "INSERT INTO setups VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+            (*row.values(), checksum_of_values(row) + damage),
         )
     Store.migrate(path)
-    assert Store(path).verify(path).faults == ()
+    assert len(Store(path).verify(path).faults) == damage
     with OpenStore(path).read() as session:
         setup = session.get_one(Setup, 1)
     assert (setup.period_s, setup.grace_s, setup.calendar) == (3600.0, 60.0, None)

@@ -90,7 +90,8 @@ class RunCalendar:
     def problem(self) -> str | None:
         """Sentence about a year without a working day; None where each has one."""
         for year in sorted({day.year for day in self.holidays}):
-            days = (date(year, 1, 1) + timedelta(days=number) for number in range(365))
+            length = date(year, 12, 31).timetuple().tm_yday
+            days = (date(year, 1, 1) + timedelta(days=number) for number in range(length))
             if all(day.weekday() not in self.weekdays or day in self.holidays for day in days):
                 return f"holidays: {year} has no working day besides."
         return None

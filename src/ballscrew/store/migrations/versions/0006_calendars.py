@@ -15,6 +15,9 @@ def upgrade() -> None:
     connection = op.get_bind()
     table = sa.Table("setups", sa.MetaData(), autoload_with=connection)
     for row in connection.execute(sa.select(table)).mappings().all():
-        values = {name: value for name, value in row.items() if name != "checksum"}
+        values = {name: value for name, value in row.items() if name not in ("checksum", "calendar")}
+        if checksum_of_values(values) != row["checksum"]:
+            continue  # it is damaged, which its old checksum shows
+        values["calendar"] = row["calendar"]
         statement = sa.update(table).where(table.c.axis_id == row["axis_id"])
         connection.execute(statement.values(checksum=checksum_of_values(values)))
