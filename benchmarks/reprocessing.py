@@ -2,8 +2,8 @@
 
     python -m benchmarks.reprocessing [--runs 120] [--killed 24] [--trips 3]
 
-The testbed makes four recordings of three round trips, and a store with as many runs as are wanted, each
-of one of them at another time. ``ballscrew reprocess`` then analyses copies of the store: without Dask, by
+The testbed makes four runs of three round trips, and a store has as many copies of them as are wanted, each
+at another time. ``ballscrew reprocess`` then analyses copies of the store: without Dask, by
 one worker, by two, and by two of which one is killed midway (of ``--killed`` runs). Scheduler and workers
 are processes of this computer. The last lines extrapolate to 10,000 axes with a run a day. Needs
 ``os.wait4``, which Windows lacks.
@@ -27,6 +27,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import h5py
 from sqlalchemy import select
 
 from ballscrew.modal import analyze
@@ -69,6 +70,9 @@ def fill(folder: Path, runs: int, trips: int) -> Path:
         measured_at = (_BEGIN + timedelta(days=number)).isoformat()
         lines = [line for line in text.splitlines() if not line.startswith("measured_at")]
         path.write_text("\n".join([f'measured_at = "{measured_at}"', *lines]) + "\n", encoding="utf-8")
+        for recording in path.parent.glob("*.h5"):
+            with h5py.File(recording, "r+") as file:  # a recording belongs to a single run
+                file.attrs["copy"] = number
         add(store, path)
     setattr(analyze, "examine", examine)  # noqa: B010  mypy
     with store.write("benchmark") as session:

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from sqlalchemy import select, text
 
+from ballscrew.base.provenance import FileRef
 from ballscrew.modal.run import Run
 from ballscrew.store.adding import add_run
 from ballscrew.store.fleet import simulate_fleet
@@ -68,7 +69,10 @@ def measure(store: OpenStore) -> None:
     print("trend of an axis:", milliseconds(lambda k: read_trend(store, names[order[k]]), _REPEATS))
     print("axis with all it has:", milliseconds(lambda k: show_axis(store, names[order[k]]), _REPEATS))
     print("fleet overview:", milliseconds(lambda _: list_axes(store), 100))
-    new = [replace(template, id=f"new {number}") for number in range(100)]
+    new = [
+        replace(template, id=f"new {number}", files=(FileRef("trip.h5", f"{number:064}"),))
+        for number in range(100)
+    ]
     print("add of a run:", milliseconds(lambda k: add_run(store, new[k]), 100), flush=True)
 
 
