@@ -16,7 +16,7 @@ from ballscrew.monitoring.epochs import moment
 from ballscrew.service.jobs import ANALYSE
 from ballscrew.store.exclusions import SERVER, insert_exclusion
 from ballscrew.store.lamps import CLOCK_TOLERANCE
-from ballscrew.store.parts import exclude_parts, include_parts, is_bad
+from ballscrew.store.parts import count_parts
 from ballscrew.store.reading import current_rows
 from ballscrew.store.same_recordings import RecordedRun, check_recordings
 from ballscrew.store.service_tables import JobRow, Upload
@@ -170,7 +170,5 @@ def exclude_as_needed(session: Session, axis: Axis, sent: Upload, *, is_new: boo
     if doubt is not None:
         insert_exclusion(session, run, doubt, SERVER)
         return doubt
-    if is_bad(session, run):  # which an earlier result of it was not
-        include_parts(session, axis, run, sent.sender)
-    exclude_parts(session, axis, run, sent.sender)
+    count_parts(session, run.run, sent.sender)
     return doubt

@@ -23,9 +23,10 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import METHOD_CHANGED, Event, read_events
 from ballscrew.recording.readers import version_of
 from ballscrew.recording.readers.process import opened
-from ballscrew.store.folder import now
+from ballscrew.store.folder import actor, now
 from ballscrew.store.inserting import Added, axis_row, check_added, check_key, check_text, insert_run
 from ballscrew.store.opened import OpenStore, record
+from ballscrew.store.parts import count_parts
 from ballscrew.store.raw_files import StoredFile, path_of, put_file
 from ballscrew.store.rows import pack
 from ballscrew.store.tables import (
@@ -126,6 +127,8 @@ def add_run(store: OpenStore, run: Run, *, name: str = "the run") -> Added:
     """
     with store.write("store add") as session:
         added = insert_run(session, run, METHOD_REVISION)
+        if added.is_new:
+            count_parts(session, added.subject, actor())
     return check_added(added, name)
 
 
@@ -187,6 +190,8 @@ def add_recordings(
             for sha256, file in by_hash.items():
                 _insert_file(session, store, sha256, file, stored.get(sha256))
             insert_source(session, added.subject, key, stated, texts)
+        if added.is_new:
+            count_parts(session, added.subject, actor())
     return check_added(added, path.name)
 
 

@@ -11,6 +11,7 @@ from ballscrew.store.tables import Axis, Exclusion, RecordingRow, ResultRow, Run
 
 _PART = "its recordings are a part of those of the run "
 _BAD = "is bad, and contains the recordings of the run "
+_COUNTS = ", which counts."
 
 
 def exclude_parts(session: Session, axis: Axis, run: RunRow, by: str) -> None:
@@ -36,6 +37,52 @@ def exclude_parts(session: Session, axis: Axis, run: RunRow, by: str) -> None:
     itself = [each for each in excluded if each[0] is run]
     for row, reason in itself[:1] or excluded:
         insert_exclusion(session, row, reason, by)
+
+
+def count_parts(session: Session, run: str, by: str) -> None:
+    """Exclude what does not count of a run with a new result, its parts and the runs that contain it.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    run : str
+        Id of the run.
+    by : str
+        Who added the result.
+    """
+    row = find_run(session, run)
+    axis = session.get_one(Axis, row.axis_id)
+    recount_parts(session, axis, by)
+    exclude_parts(session, axis, row, by)
+
+
+def recount_parts(session: Session, axis: Axis, by: str) -> None:
+    """End exclusions of an axis that newer results contradict: a run is bad that was not, or no longer.
+
+    Parameters
+    ----------
+    session : Session
+        Writing.
+    axis : Axis
+        With new results of its runs.
+    by : str
+        Who added them.
+    """
+    found = select(RunRow, Exclusion.reason).join(Exclusion, Exclusion.run_id == RunRow.id)
+    found = found.where(RunRow.axis_id == axis.id, Exclusion.ended_at.is_(None)).order_by(RunRow.id)
+    for excluded, reason in session.execute(found).all():
+        named = reason.removesuffix(_COUNTS)
+        is_part = named.startswith(_PART)
+        if not is_part and not named.startswith(_BAD):
+            continue
+        counting = _newest(session, find_run(session, named.removeprefix(_PART).removeprefix(_BAD)))
+        excluded = _newest(session, excluded)
+        part, whole = (excluded, counting) if is_part else (counting, excluded)
+        part_counts = is_bad(session, whole) and not is_bad(session, part)
+        if part_counts == is_part:
+            end_exclusions(session, excluded, "newer results have other verdicts.", by)
+            exclude_parts(session, axis, excluded, by)
 
 
 def is_part(session: Session, run: str) -> bool:
@@ -105,12 +152,12 @@ def _excluded_of(session: Session, first: RunRow, second: RunRow) -> list[tuple[
     if not _recordings(session, part) < _recordings(session, whole):
         return []
     if is_bad(session, whole) and not is_bad(session, part):
-        return [(whole, f"{_BAD}{part.run}, which counts.")]
+        return [(whole, f"{_BAD}{part.run}{_COUNTS}")]
     return [(part, _part_reason(whole.run))]
 
 
 def _part_reason(whole: str) -> str:
-    return f"{_PART}{whole}, which counts."
+    return f"{_PART}{whole}{_COUNTS}"
 
 
 def _recordings(session: Session, run: RunRow) -> set[str]:
@@ -118,6 +165,7 @@ def _recordings(session: Session, run: RunRow) -> set[str]:
 
 
 def is_bad(session: Session, run: RunRow) -> bool:
-    """Whether the newest result of a run is bad."""
-    newest = select(ResultRow.verdict).where(ResultRow.run_id == run.id).order_by(ResultRow.id.desc())
-    return session.scalars(newest.limit(1)).first() == "bad"
+    """Whether the result of a run is bad: that by the method of its axis, else the newest one."""
+    by_method = ResultRow.method_id == session.get_one(Axis, run.axis_id).method_id
+    found = select(ResultRow.verdict).where(ResultRow.run_id == run.id)
+    return session.scalars(found.order_by(by_method.desc(), ResultRow.id.desc()).limit(1)).first() == "bad"

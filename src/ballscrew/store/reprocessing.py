@@ -15,8 +15,10 @@ from ballscrew.modal.run import Run
 from ballscrew.store import adding
 from ballscrew.store.analysing import Task, analysed, check_workers
 from ballscrew.store.changing import amend_result
+from ballscrew.store.folder import actor
 from ballscrew.store.inserting import insert_run
 from ballscrew.store.opened import OpenStore, record
+from ballscrew.store.parts import recount_parts
 from ballscrew.store.reading import find_axis, find_method
 from ballscrew.store.rows import unpack
 from ballscrew.store.switching import compare_results, find_target, stored_files, switch_axis
@@ -81,6 +83,8 @@ def reprocess(
         progress(done, len(tasks), task.run[:12])
     with store.write("reprocess") as session:
         _amend_corrected(session, names, options)
+        for name in names:
+            recount_parts(session, find_axis(session, name), actor())
     with store.read() as session:
         compared = [compare_results(session, find_axis(session, name), options) for name in names]
     if switch:

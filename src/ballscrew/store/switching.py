@@ -20,6 +20,7 @@ from ballscrew.monitoring.method_step import LEAST_RUNS, MethodStep, method_step
 from ballscrew.store import adding
 from ballscrew.store.folder import actor, now
 from ballscrew.store.opened import OpenStore, record
+from ballscrew.store.parts import recount_parts
 from ballscrew.store.reading import current_rows, find_axis, find_method, find_model, run_versions
 from ballscrew.store.rows import batched, unpack
 from ballscrew.store.tables import (
@@ -205,6 +206,8 @@ def switch_axis(store: OpenStore, name: str, options: AnalysisOptions) -> None:
                 detail["replaced"] = True  # the step of an earlier switch
         axis.method_id, axis.changed_at = target.id, now()
         record(session, "switch", f"axis {name}", **detail)
+        session.flush()
+        recount_parts(session, axis, actor())
 
 
 def _step_over_missing(session: Session, axis: Axis, old: Method, new: Method) -> MethodStep | None:
