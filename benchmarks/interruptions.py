@@ -1,12 +1,13 @@
 """What is left of a file when its writer is killed, or the disk is full?  Every command that writes.
 
-    python -m benchmarks.interruptions [--random 200] [--only PART,PART] [--page PAGE]
+    python -m benchmarks.interruptions [--random 200] [--long 15] [--only PART,PART] [--page PAGE]
 
 Each command writes over older files, and again where there are none. At its first change of the folder its
 process forks; each copy goes on alone and is killed before one of its calls that creates, opens, flushes,
 renames or removes a file or changes its mode, or by the kernel within writing after a number of bytes; or the
 disk is full (a tmpfs, where one may be mounted). ``calibrate`` is also killed at random moments between that
-change and its end. Afterwards each file must be the old or the new one, byte by byte, and no other may have
+change and its end; ``demo`` and ``reproduce``, which take minutes, are killed at random moments alone, over
+older files. Afterwards each file must be the old or the new one, byte by byte, and no other may have
 changed; temporary files of killed processes are swept a day later. It needs a system that can fork.
 """
 
@@ -17,6 +18,7 @@ import json
 import os
 import random
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -87,6 +89,9 @@ COMMANDS = (
         tuple(f"made/{name}" for name in ("trip001.h5", *_TOML, "truth.json")),
     ),
 )  # fmt: skip
+
+LONG = (Command("demo --out made", ()), Command("reproduce --quick --out made", ()))
+"""Commands whose files are known after their end."""
 
 
 def prepare(folder: Path) -> None:
@@ -339,6 +344,51 @@ def examine(
     return endings
 
 
+def examine_long(command: Command, scratch: Path, number: int) -> tuple[Command, list[dict[str, Any]]]:
+    """The command with its files, and endings of it at random moments, over older files."""
+    folder = scratch / "long"
+    folder.mkdir(exist_ok=True)
+    begin = time.monotonic()
+    _start(command.line, folder).wait()
+    span, new = time.monotonic() - begin, contents(folder)
+    old = dict.fromkeys(new, b"an older file\n")
+    moments = random.Random(0)  # noqa: S311  no secrets
+    endings = []
+    for _ in range(number):
+        restore(folder, old)
+        process = _start(command.line, folder)
+        time.sleep(moments.uniform(0, span))
+        process.kill()
+        process.wait()
+        endings.append(_ending_of(contents(folder), old, new))
+    restore(folder, old)
+    _start(command.line, folder).wait()
+    whole = _ending_of(contents(folder), old, new) | {"kind": "whole", "status": 0}
+    shutil.rmtree(folder)
+    return replace(command, outputs=tuple(new)), [*endings, whole]
+
+
+def _start(line: str, folder: Path) -> subprocess.Popen[bytes]:
+    words = [sys.executable, "-m", "ballscrew", *line.split()]
+    return subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # noqa: S603
+
+
+def _ending_of(now: State, old: State, new: State) -> dict[str, Any]:
+    """What a kill left: files old or new, and temporary ones and recordings beside them."""
+    states = {}
+    for name in new:
+        states[name] = "third"
+        if now.get(name) == new[name]:
+            states[name] = "new"
+        if now.get(name) == old[name]:
+            states[name] = "old"
+    left = {name for name in now if Path(name).name.startswith(".") or "recordings-" in name}
+    return {
+        "kind": "random", "status": -signal.SIGKILL, "states": states, "left": sorted(left),
+        "others": sorted(now.keys() - new.keys() - left), "error": "",
+    }  # fmt: skip
+
+
 _COLUMNS = (
     "command", "files", "kills before a call", "within writing", "at random", "file old", "new", "a third",
     "others changed", "status, full disk", "swept",
@@ -398,6 +448,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--random", type=int, default=200, help="kills of calibrate at random moments")
+    parser.add_argument("--long", type=int, default=15, help="kills of each command that takes minutes")
     parser.add_argument("--only", default="", help="parts of names")
     parser.add_argument("--page", type=Path)
     given = parser.parse_args()
@@ -414,6 +465,12 @@ def main() -> None:
         for command in COMMANDS:
             if any(part in command.name for part in given.only.split(",")):
                 endings = examine(command, folder, Path(name), given.random, fillable=fillable)
+                lines.append(row(command, endings))
+                print(lines[-1], flush=True)
+                wrong += faults(command, endings)
+        for command in LONG:
+            if any(part in command.name for part in given.only.split(",")):
+                command, endings = examine_long(command, Path(name), given.long)
                 lines.append(row(command, endings))
                 print(lines[-1], flush=True)
                 wrong += faults(command, endings)

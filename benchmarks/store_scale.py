@@ -87,7 +87,9 @@ def main() -> None:
     parser.add_argument("--store", type=Path, help="store that was filled before")
     given = parser.parse_args()
     if given.store:
-        measure(OpenStore(given.store))
+        store = OpenStore(given.store)
+        store.pooled = True  # as in a server, whose connections stay open
+        measure(store)
         return
     folder = Path(tempfile.mkdtemp(prefix="ballscrew-scale-"))
     try:

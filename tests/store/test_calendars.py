@@ -236,3 +236,14 @@ def test_an_axis_has_the_calendar_of_the_server_but_for_what_it_states(stated: d
 
 def test_a_zone_that_this_computer_does_not_know_is_utc() -> None:
     assert calendar_of(Setup(calendar={"time_zone": "Mars/Base"}), EVERY_DAY).zone == UTC
+
+
+def test_holidays_that_leave_an_axis_no_working_day_are_working_days() -> None:
+    """The holidays of the server were changed after the working days of the axis were stated."""
+    sundays = [date(2026, 1, 4) + timedelta(weeks=week) for week in range(52)]
+    server = RunCalendar(holidays=frozenset(sundays))
+    found = calendar_of(Setup(calendar={"working_days": ["Sun"]}), server)
+    begin = datetime(2026, 3, 2, tzinfo=UTC)
+    assert found.after(begin, timedelta(hours=36)) == datetime(2026, 3, 15, 12, tzinfo=UTC)
+    mondays = calendar_of(Setup(calendar={"working_days": ["Mon", "Sun"]}), server)
+    assert mondays.holidays == server.holidays

@@ -119,10 +119,19 @@ EVERY_DAY = RunCalendar()
 
 
 def calendar_of(setup: Setup | None, server: RunCalendar) -> RunCalendar:
-    """Calendar of an axis: that of the server, with the values that its schedule states."""
+    """Calendar of an axis: that of the server, with the values that its schedule states.
+
+    Without holidays where both together leave a year without a working day, as those of the server may since
+    they were changed: a run that is expected too early is noticed.
+    """
     if setup is None or not setup.calendar:
         return server
-    return server.changed(setup.calendar)
+    return _usable(server.changed(setup.calendar))
+
+
+@lru_cache(maxsize=1024)
+def _usable(calendar: RunCalendar) -> RunCalendar:
+    return calendar if calendar.problem() is None else replace(calendar, holidays=frozenset())
 
 
 def known_zone(name: str) -> ZoneInfo | None:

@@ -22,7 +22,7 @@ def test_an_event_is_previewed_and_then_stored(client: TestClient, service: Serv
     answer = post(client, EVENTS, do="preview", **form)
     assert answer.status_code == 200
     assert "Preview: nothing is stored yet" in answer.text
-    assert "2026-01-20 08:00 UTC</time>, maintenance" in answer.text
+    assert "20 Jan 2026, 08:00 UTC</time>, maintenance" in answer.text
     assert 'value="new &lt;nut&gt;"' in answer.text
     assert client.get("/api/v1/axes/bench").json()["events"] == []
     answer = post(client, EVENTS, do="store", **form)

@@ -68,5 +68,5 @@ def test_what_is_compiled_is_what_is_written(path: Path) -> None:
 
 def test_times_in_a_sentence_are_those_of_the_language() -> None:
     text = "no run since 2026-11-07 15:46 UTC: overdue."
-    assert page_sentence(text, "en") == text
-    assert page_sentence(text, "de") == "keine Messung seit 07.11.2026 15:46 UTC: überfällig."
+    assert page_sentence(text, "en") == "no run since 7 Nov 2026, 15:46 UTC: overdue."
+    assert page_sentence(text, "de") == "keine Messung seit 07.11.2026, 15:46 UTC: überfällig."

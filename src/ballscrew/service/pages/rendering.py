@@ -51,7 +51,7 @@ _FINDINGS = re.compile("; (?=for: |against: |unclear: )")
 _DAY = re.compile(r"\d{4}-\d\d-\d\d")
 _MOMENT = re.compile(r"\d{4}-\d\d-\d\d(?:T[\d:.]+(?:Z|[+-]\d\d:\d\d)| \d\d:\d\d UTC)")
 _NUMBER = re.compile(r"[±+-]?\d+(?:\.\d+)?(?: %)?")
-_MOMENTS = {"en": "yyyy-MM-dd HH:mm", "de": "dd.MM.yyyy HH:mm"}
+_DAYS = {"en": "d MMM yyyy", "de": "dd.MM.yyyy"}  # as the medium form of a browser
 
 router = APIRouter(include_in_schema=False)
 
@@ -201,7 +201,8 @@ def format_moment(text: str | None, language: str) -> str:
     """Time in UTC, to the minute; a dash for None. The browser replaces it by local time."""
     if text is None:
         return "–"
-    return format_datetime(moment(text, "a time"), _MOMENTS[language], tzinfo=UTC, locale=language) + " UTC"
+    pattern = f"{_DAYS[language]}, HH:mm"
+    return format_datetime(moment(text, "a time"), pattern, tzinfo=UTC, locale=language) + " UTC"
 
 
 def page_sentence(text: str, language: str, *, part: bool = False) -> str:
@@ -222,7 +223,7 @@ def _sentence(text: str, language: str, part: bool) -> str:
 def _shown(value: str, language: str) -> str:
     """A number, a day or a time of a sentence as all those of the pages; another text as it is."""
     if _DAY.fullmatch(value):
-        return format_date(date.fromisoformat(value), _MOMENTS[language].split()[0], locale=language)
+        return format_date(date.fromisoformat(value), _DAYS[language], locale=language)
     if _MOMENT.fullmatch(value):
         return format_moment(value.replace(" UTC", "+00:00"), language)
     if not _NUMBER.fullmatch(value):
