@@ -106,3 +106,14 @@ def test_a_switch_to_results_with_other_verdicts_changes_which_run_counts(
     store.reprocess(switch=True)
     assert counting(store) == {part}
     assert store.verify(store.path).faults == ()
+
+
+@pytest.mark.parametrize("reason", ["a test", "part", "its recordings are a part of those of the run x"])
+def test_what_a_person_excluded_stays_so(store: Store, tmp_path: Path, reason: str) -> None:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    add(store, folder, PART)
+    store.exclude("part", reason=reason)
+    add(store, folder, WHOLE)
+    add(store, folder, another(WHOLE))
+    assert counting(store) == {"whole"}

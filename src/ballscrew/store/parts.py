@@ -72,12 +72,12 @@ def recount_parts(session: Session, axis: Axis, by: str) -> None:
     found = select(RunRow, Exclusion.reason).join(Exclusion, Exclusion.run_id == RunRow.id)
     found = found.where(RunRow.axis_id == axis.id, Exclusion.ended_at.is_(None)).order_by(RunRow.id)
     for excluded, reason in session.execute(found).all():
-        named = reason.removesuffix(_COUNTS)
-        is_part = named.startswith(_PART)
-        if not is_part and not named.startswith(_BAD):
+        is_part = reason.startswith(_PART)
+        other = reason.removesuffix(_COUNTS).removeprefix(_PART if is_part else _BAD)
+        counting = session.scalar(select(RunRow).where(RunRow.run == other))
+        if counting is None or not reason.startswith((_PART, _BAD)):  # excluded for another reason
             continue
-        counting = _newest(session, find_run(session, named.removeprefix(_PART).removeprefix(_BAD)))
-        excluded = _newest(session, excluded)
+        excluded, counting = _newest(session, excluded), _newest(session, counting)
         part, whole = (excluded, counting) if is_part else (counting, excluded)
         part_counts = is_bad(session, whole) and not is_bad(session, part)
         if part_counts == is_part:
