@@ -33,6 +33,7 @@ from ballscrew.report.monitor_words import NOTHING
 from ballscrew.report.what_to_do import OLD
 from ballscrew.service.alarms import watch_for_silence
 from ballscrew.service.jobs import lease_job
+from ballscrew.service.pages.rendering import page_sentence
 from ballscrew.service.planning import planned_messages, unclosed_alarms
 from ballscrew.service.serving import Service
 from ballscrew.service.working import finish
@@ -386,8 +387,9 @@ def test_an_alarm_of_an_epoch_before_is_to_be_closed(client: TestClient, service
     found = client.get("/api/v1/axes/bench").json()
     assert (alarm["state"], found["state"]) == ("raised", "normal")
     assert [each["text"] for each in found["to_do"]] == [OLD, sentence]
-    for text in (client.get("/axes/bench").text, client.get("/axes/bench/report.html").text):
-        assert sentence in text
+    for address, shown in (("", page_sentence(sentence, "en")), ("/report.html", sentence)):
+        text = client.get(f"/axes/bench{address}").text
+        assert shown in text
         assert NOTHING not in text
     assert sentence in monitor_axis(service.store, "bench").notes
     act(client, alarm["id"], "close", text="the nut was worn")

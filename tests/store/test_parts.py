@@ -67,7 +67,7 @@ def test_a_part_counts_as_long_as_the_newest_result_of_the_whole_is_bad_and_its_
 
 @pytest.fixture
 def choose(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
-    """Chooses the revision of a simulated analysis, by which runs of three recordings are bad if it is odd."""
+    """Chooses the revision of a simulated analysis; by an odd one, runs of three recordings are bad."""
     revision = [1]
 
     def examine(job: Job, options: AnalysisOptions, **_: Any) -> Analysis:

@@ -19,7 +19,7 @@ from tests.simulated_bench import AXIS
 from tests.store.stored import MODEL, RUNS, fill
 
 from ballscrew.cli.shell import run as run_command
-from ballscrew.service.pages.rendering import format_percent
+from ballscrew.service.pages.rendering import format_percent, page_sentence
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.adding import add_sheet
@@ -70,7 +70,8 @@ def test_what_to_do_stands_before_why_and_before_the_charts(client: TestClient) 
     document = client.get("/api/v1/axes/bench").json()
     text = unescape(page_of(client))
     explanation = document["explanation"]
-    order = [explanation["headline"].removeprefix("bench: "), "What to do<", *explanation["actions"]]
+    parts = [page_sentence(each["text"], "en", part=True) for each in explanation["headline_parts"]]
+    order = ["".join(parts), "What to do<", *(page_sentence(each, "en") for each in explanation["actions"])]
     order += ["Run the test: the newest run is too old", "Reasons and doubts<"]
     order += [
         explanation["state"]["nut_reasons"][0].split(". ")[0],
