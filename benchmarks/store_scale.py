@@ -34,6 +34,12 @@ from ballscrew.store.tables import Axis, ResultRow
 _REPEATS = 300
 
 
+class PooledStore(OpenStore):
+    """A store whose connections to PostgreSQL stay open, as in a server."""
+
+    pooled = True
+
+
 def milliseconds(action: Callable[[int], object], repeats: int) -> str:
     """Median and 99th percentile of the time of an action, and of its processor time."""
     times = []
@@ -87,9 +93,7 @@ def main() -> None:
     parser.add_argument("--store", type=Path, help="store that was filled before")
     given = parser.parse_args()
     if given.store:
-        store = OpenStore(given.store)
-        store.pooled = True  # as in a server, whose connections stay open
-        measure(store)
+        measure(PooledStore(given.store))
         return
     folder = Path(tempfile.mkdtemp(prefix="ballscrew-scale-"))
     try:
