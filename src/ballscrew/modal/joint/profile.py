@@ -132,11 +132,11 @@ def fit_profile(
     places = tuple(sorted({cell.position - w.middle for cell in w.cells}))
     has_load = profile.mass_over_preload > 0
     inflation = INITIAL_INFLATION
-    now: JointFit | None = None
+    before: JointFit | None = None
     for _ in range(_ROUNDS):
         assumed, assumed_inflation = variation, inflation
-        now = _fit_once(blocks, modes, profile, places, assumed, inflation, most_steps, now)
-        modes = now.modes
+        now = _fit_once(blocks, modes, profile, places, assumed, inflation, most_steps, before)
+        before, modes = now, now.modes
         if has_load:
             inflation = variance_inflation(now, now.parameters.index(("mass_over_preload", None)))
         variation = _variation(now, places, assumed, profile.curved)
