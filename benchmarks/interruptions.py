@@ -25,7 +25,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -160,6 +160,15 @@ def temporary_of(name: str) -> str:
     return path.with_name(f".{path.stem}-12345678{path.suffix}").as_posix()
 
 
+def leave_old_files(folder: Path, outputs: Iterable[str]) -> None:
+    """A temporary file of each output, a day old and more."""
+    for name in outputs:
+        left = folder / temporary_of(name)
+        left.parent.mkdir(exist_ok=True)
+        left.write_bytes(b"half")
+        os.utime(left, (0, 0))
+
+
 class Interruptions:
     """Forks one copy of this process for each ending, at the first change of a folder.
 
@@ -182,7 +191,7 @@ class Interruptions:
     ) -> None:
         self.folder, self.outputs, self.report = folder, outputs, report
         self.number, self.fillable = number, fillable
-        self._leave_old_files()
+        leave_old_files(self.folder, self.outputs)
         self.start = contents(folder)
         self.endings: list[dict[str, Any]] = []
         self.is_copy = self.is_busy = False
@@ -224,7 +233,7 @@ class Interruptions:
         """Every ending in turn, each from the same state; returns in the copies only."""
         for kind, at in self._kinds():
             restore(self.folder, self.start)
-            self._leave_old_files()
+            leave_old_files(self.folder, self.outputs)
             if kind == "full disk":
                 for name in self.outputs:  # whose removal would make space
                     (self.folder / temporary_of(name)).unlink()
@@ -278,14 +287,6 @@ class Interruptions:
     @property
     def _errors(self) -> Path:
         return self.report.with_suffix(".err")
-
-    def _leave_old_files(self) -> None:
-        """A temporary file of each output, a day old and more."""
-        for name in self.outputs:
-            left = self.folder / temporary_of(name)
-            left.parent.mkdir(exist_ok=True)
-            left.write_bytes(b"half")
-            os.utime(left, (0, 0))
 
     def _note(self, kind: str, status: int, seconds: float) -> None:
         """What is there now: outputs old or new, and whatever else has changed."""
@@ -349,23 +350,25 @@ def examine_long(command: Command, scratch: Path, number: int) -> tuple[Command,
     folder = scratch / "long"
     folder.mkdir(exist_ok=True)
     begin = time.monotonic()
-    _start(command.line, folder).wait()
+    assert _start(command.line, folder).wait() == 0, command.line
     span, new = time.monotonic() - begin, contents(folder)
+    assert new, command.line
     old = dict.fromkeys(new, b"an older file\n")
     moments = random.Random(0)  # noqa: S311  no secrets
     endings = []
-    for _ in range(number):
+    while len(endings) < number:
         restore(folder, old)
         process = _start(command.line, folder)
         time.sleep(moments.uniform(0, span))
         process.kill()
-        process.wait()
-        endings.append(_ending_of(contents(folder), old, new))
+        if process.wait() == -signal.SIGKILL:  # else it had ended
+            endings.append(_ending_of("random", contents(folder), old, new))
     restore(folder, old)
-    _start(command.line, folder).wait()
-    whole = _ending_of(contents(folder), old, new) | {"kind": "whole", "status": 0}
+    leave_old_files(folder, new)
+    status = _start(command.line, folder).wait()
+    endings.append(_ending_of("whole", contents(folder), old, new) | {"status": status})
     shutil.rmtree(folder)
-    return replace(command, outputs=tuple(new)), [*endings, whole]
+    return replace(command, outputs=tuple(new)), endings
 
 
 def _start(line: str, folder: Path) -> subprocess.Popen[bytes]:
@@ -373,8 +376,8 @@ def _start(line: str, folder: Path) -> subprocess.Popen[bytes]:
     return subprocess.Popen(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # noqa: S603
 
 
-def _ending_of(now: State, old: State, new: State) -> dict[str, Any]:
-    """What a kill left: files old or new, and temporary ones and recordings beside them."""
+def _ending_of(kind: str, now: State, old: State, new: State) -> dict[str, Any]:
+    """What is there after an end: files old or new, and temporary ones and recordings beside them."""
     states = {}
     for name in new:
         states[name] = "third"
@@ -384,7 +387,7 @@ def _ending_of(now: State, old: State, new: State) -> dict[str, Any]:
             states[name] = "old"
     left = {name for name in now if Path(name).name.startswith(".") or "recordings-" in name}
     return {
-        "kind": "random", "status": -signal.SIGKILL, "states": states, "left": sorted(left),
+        "kind": kind, "status": -signal.SIGKILL, "states": states, "left": sorted(left),
         "others": sorted(now.keys() - new.keys() - left), "error": "",
     }  # fmt: skip
 

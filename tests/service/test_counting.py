@@ -153,12 +153,15 @@ def test_a_store_without_its_server_lets_the_part_count_too(client: TestClient, 
     assert counting(client) == {"incomplete", "complete"}
 
 
-def test_a_part_counts_once_the_whole_is_bad(client: TestClient) -> None:
+def test_a_part_counts_if_the_whole_is_bad_in_the_history(client: TestClient) -> None:
     send_trips(client, "incomplete", "12")
-    send_trips(client, "complete", "123")
-    made = replace(RUNS[6].made, settings={**RUNS[6].made.settings, "another": 1})
-    send_trips(client, "complete", "123", quality=BAD, made=made, key="another")
+    send_trips(client, "complete", "123", quality=BAD)
     assert counting(client) == {"incomplete"}
+    made = replace(RUNS[6].made, settings={**RUNS[6].made.settings, "another": 1})
+    send_trips(client, "complete", "123", made=made, key="another")  # not of the history
+    assert counting(client) == {"incomplete"}
+    act(client, "exclude", "incomplete")
+    assert counting(client) == {"complete"}
 
 
 @pytest.mark.parametrize(("trips", "changes"), [("23", {}), ("12", {}), ("123", {"mass_kg": 1.0})])

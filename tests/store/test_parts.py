@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.store.conftest import NewStore
 from tests.store.stored import MODEL, RUNS, write_recordings
 
+from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import FileRef, Made, hash_file
 from ballscrew.modal.analyze import Analysis, AnalysisOptions
 from ballscrew.modal.job import Job
@@ -23,6 +25,7 @@ TRIPS = tuple(FileRef(f"trip{number}.h5", f"{number:064x}") for number in range(
 BAD = replace(RUNS[0].quality, verdict="bad", reasons=("the sensor is loose.",))
 PART = replace(RUNS[0], id="part", files=TRIPS[:2])
 WHOLE = replace(RUNS[0], id="whole", files=TRIPS)
+BAD_PART, BAD_WHOLE = (replace(run, quality=BAD) for run in (PART, WHOLE))
 
 
 def another(run: Run) -> Run:
@@ -43,26 +46,63 @@ def counting(store: Store) -> set[str]:
         return {row.run for row in current_rows(session, find_axis(session, "bench"))}
 
 
-@pytest.mark.parametrize("order", [(PART, WHOLE), (WHOLE, PART)])
-def test_the_more_complete_run_counts(store: Store, tmp_path: Path, order: tuple[Run, ...]) -> None:
-    folder = tmp_path / "runs"
-    folder.mkdir()
-    for run in order:
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """An empty folder."""
+    (tmp_path / "runs").mkdir()
+    return tmp_path / "runs"
+
+
+@pytest.mark.parametrize(
+    ("runs", "expected"),
+    [((PART, WHOLE), "whole"), ((PART, BAD_WHOLE), "part"), ((BAD_PART, BAD_WHOLE), "whole")],
+)
+def test_the_more_complete_run_counts_unless_it_alone_is_bad(
+    new_store: NewStore, folder: Path, runs: tuple[Run, ...], expected: str
+) -> None:
+    for order in (runs, reversed(runs)):
+        store = new_store()
+        for run in order:
+            add(store, folder, run)
+        assert counting(store) == {expected}
+        store.exclude(expected, reason="a test")
+        assert counting(store) == {"part", "whole"} - {expected}
+
+
+def test_a_result_by_other_settings_than_those_of_the_history_changes_nothing(
+    store: Store, folder: Path
+) -> None:
+    for run in (PART, WHOLE, another(WHOLE)):
         add(store, folder, run)
     assert counting(store) == {"whole"}
 
 
-def test_a_part_counts_as_long_as_the_newest_result_of_the_whole_is_bad_and_its_own_is_not(
-    store: Store, tmp_path: Path
-) -> None:
-    folder = tmp_path / "runs"
-    folder.mkdir()
+def test_a_refused_result_changes_nothing(store: Store, folder: Path) -> None:
     for run in (PART, WHOLE):
         add(store, folder, run)
-    add(store, folder, another(WHOLE))
-    assert counting(store) == {"part"}
-    add(store, folder, another(PART))
-    assert counting(store) == {"whole"}
+    store.exclude("part", undo=True)
+    with pytest.raises(InputError, match="another result"):
+        add(store, folder, replace(WHOLE, temperature_C=30.0))
+    assert counting(store) == {"part", "whole"}
+
+
+def test_a_person_excludes_what_was_excluded_as_a_part(store: Store, folder: Path) -> None:
+    for run in (PART, WHOLE):
+        add(store, folder, run)
+    store.exclude("part", reason="a wrong load")
+    store.exclude("whole", reason="a test")
+    assert counting(store) == set()
+    assert {row["reason"] for row in store.show("bench")["exclusions"] if row["ended_at"] is None} == {
+        "a wrong load", "a test",
+    }  # fmt: skip
+
+
+def test_an_id_with_which_others_begin(store: Store, folder: Path) -> None:
+    for name in ("trip10", "trip11", "trip1"):
+        add(store, folder, replace(PART, id=name, files=(FileRef(name, f"{int(name[4:]):064x}"),)))
+    assert counting(store) == {"trip10", "trip11", "trip1"}
+    store.exclude("trip1", reason="a test")
+    assert counting(store) == {"trip10", "trip11"}
 
 
 @pytest.fixture
@@ -109,11 +149,9 @@ def test_a_switch_to_results_with_other_verdicts_changes_which_run_counts(
 
 
 @pytest.mark.parametrize("reason", ["a test", "part", "its recordings are a part of those of the run x"])
-def test_what_a_person_excluded_stays_so(store: Store, tmp_path: Path, reason: str) -> None:
-    folder = tmp_path / "runs"
-    folder.mkdir()
+def test_what_a_person_excluded_stays_so(store: Store, folder: Path, reason: str) -> None:
     add(store, folder, PART)
     store.exclude("part", reason=reason)
-    add(store, folder, WHOLE)
-    add(store, folder, another(WHOLE))
+    for run in (WHOLE, another(WHOLE)):
+        add(store, folder, run)
     assert counting(store) == {"whole"}

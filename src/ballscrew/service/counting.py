@@ -16,7 +16,7 @@ from ballscrew.monitoring.epochs import moment
 from ballscrew.service.jobs import ANALYSE
 from ballscrew.store.exclusions import SERVER, insert_exclusion
 from ballscrew.store.lamps import CLOCK_TOLERANCE
-from ballscrew.store.parts import count_parts
+from ballscrew.store.parts import count_parts, update_parts
 from ballscrew.store.reading import current_rows
 from ballscrew.store.same_recordings import RecordedRun, check_recordings
 from ballscrew.store.service_tables import JobRow, Upload
@@ -169,6 +169,7 @@ def exclude_as_needed(session: Session, axis: Axis, sent: Upload, *, is_new: boo
     doubt = doubt_of_time(run.measured_at, sent.received_at, others)
     if doubt is not None:
         insert_exclusion(session, run, doubt, SERVER)
+        update_parts(session, run.run, sent.sender)
         return doubt
     count_parts(session, run.run, sent.sender)
     return doubt

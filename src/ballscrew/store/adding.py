@@ -127,7 +127,7 @@ def add_run(store: OpenStore, run: Run, *, name: str = "the run") -> Added:
     """
     with store.write("store add") as session:
         added = insert_run(session, run, METHOD_REVISION)
-        if added.is_new:
+        if added.is_new and not added.conflict:
             count_parts(session, added.subject, actor())
     return check_added(added, name)
 
@@ -190,7 +190,7 @@ def add_recordings(
             for sha256, file in by_hash.items():
                 _insert_file(session, store, sha256, file, stored.get(sha256))
             insert_source(session, added.subject, key, stated, texts)
-        if added.is_new:
+        if added.is_new and not added.conflict:
             count_parts(session, added.subject, actor())
     return check_added(added, path.name)
 

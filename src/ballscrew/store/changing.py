@@ -274,11 +274,11 @@ def exclude(
         if found is None:
             found = find_run(session, subject)
         identity = id_of(found)
-        both_count = undo and is_part(session, identity)  # a person wants a part to count too
-        if undo:
+        was_part = is_part(session, identity)
+        if undo or was_part:
             end_exclusions(session, found, reason, by)
-        else:
+        if not undo:
             insert_exclusion(session, found, reason, by)
-        if not both_count:
+        if not (undo and was_part):  # else a person wants a part to count too
             update_parts(session, identity, by)
         return identity

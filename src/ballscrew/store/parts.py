@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from ballscrew.store.exclusions import end_exclusions, insert_exclusion, standing_exclusions
+from ballscrew.store.methods import used_result
 from ballscrew.store.reading import current_rows, find_run, newest_version, run_versions
-from ballscrew.store.tables import Axis, Exclusion, RecordingRow, ResultRow, RunRow
+from ballscrew.store.tables import Axis, Exclusion, RecordingRow, RunRow
 
 _PART = "its recordings are a part of those of the run "
 _BAD = "is bad, and contains the recordings of the run "
@@ -51,14 +54,17 @@ def count_parts(session: Session, run: str, by: str) -> None:
     by : str
         Who added the result.
     """
-    row = find_run(session, run)
-    axis = session.get_one(Axis, row.axis_id)
-    recount_parts(session, axis, by)
-    exclude_parts(session, axis, row, by)
+    row = session.scalars(select(RunRow).where(RunRow.run == run)).one()
+    recordings = select(RecordingRow.sha256).where(RecordingRow.run_id == row.id)
+    sharing = set(session.scalars(select(RecordingRow.run_id).where(RecordingRow.sha256.in_(recordings))))
+    if sharing - {row.id}:
+        axis = session.get_one(Axis, row.axis_id)
+        recount_parts(session, axis, by, sharing)
+        exclude_parts(session, axis, row, by)
 
 
-def recount_parts(session: Session, axis: Axis, by: str) -> None:
-    """End exclusions of an axis that newer results contradict: a run is bad that was not, or no longer.
+def recount_parts(session: Session, axis: Axis, by: str, runs: Collection[int] | None = None) -> None:
+    """End exclusions that newer results contradict: a run is bad that was not, or no longer.
 
     Parameters
     ----------
@@ -68,10 +74,14 @@ def recount_parts(session: Session, axis: Axis, by: str) -> None:
         With new results of its runs.
     by : str
         Who added them.
+    runs : collection of int, optional
+        Numbers of the runs that may be concerned; by default all of the axis.
     """
     found = select(RunRow, Exclusion.reason).join(Exclusion, Exclusion.run_id == RunRow.id)
     found = found.where(RunRow.axis_id == axis.id, Exclusion.ended_at.is_(None)).order_by(RunRow.id)
     for excluded, reason in session.execute(found).all():
+        if runs is not None and excluded.id not in runs:
+            continue
         is_part = reason.startswith(_PART)
         other = reason.removesuffix(_COUNTS).removeprefix(_PART if is_part else _BAD)
         counting = session.scalar(select(RunRow).where(RunRow.run == other))
@@ -79,8 +89,7 @@ def recount_parts(session: Session, axis: Axis, by: str) -> None:
             continue
         excluded, counting = _newest(session, excluded), _newest(session, counting)
         part, whole = (excluded, counting) if is_part else (counting, excluded)
-        part_counts = is_bad(session, whole) and not is_bad(session, part)
-        if part_counts == is_part:
+        if _part_counts(session, part, whole) == is_part:
             end_exclusions(session, excluded, "newer results have other verdicts.", by)
             exclude_parts(session, axis, excluded, by)
 
@@ -116,9 +125,11 @@ def update_parts(session: Session, run: str, by: str) -> None:
 
 
 def include_parts(session: Session, axis: Axis, whole: RunRow, by: str) -> None:
-    """Include the parts of a run that no longer counts, unless they are those of another run that does."""
+    """Include runs that were excluded for one that no longer counts, unless another of their runs does."""
     versions = select(RunRow.run).where(RunRow.id.in_(run_versions(session, whole)))
-    reasons = [_part_reason(each) for each in session.scalars(versions)]
+    reasons = []
+    for name in session.scalars(versions):
+        reasons += [_part_reason(name), _bad_reason(name)]
     found = select(RunRow).join(Exclusion, Exclusion.run_id == RunRow.id).order_by(RunRow.id)
     found = found.where(RunRow.axis_id == axis.id, Exclusion.ended_at.is_(None))
     parts = session.scalars(found.where(Exclusion.reason.in_(reasons))).all()
@@ -129,7 +140,7 @@ def include_parts(session: Session, axis: Axis, whole: RunRow, by: str) -> None:
 
 
 def _newest(session: Session, row: RunRow) -> RunRow:
-    return find_run(session, newest_version(session, row))
+    return session.scalars(select(RunRow).where(RunRow.run == newest_version(session, row))).one()
 
 
 def _sharing(session: Session, axis: Axis, run: RunRow) -> list[RunRow]:
@@ -151,8 +162,8 @@ def _excluded_of(session: Session, first: RunRow, second: RunRow) -> list[tuple[
     part, whole = sorted((first, second), key=lambda row: len(_recordings(session, row)))
     if not _recordings(session, part) < _recordings(session, whole):
         return []
-    if is_bad(session, whole) and not is_bad(session, part):
-        return [(whole, f"{_BAD}{part.run}{_COUNTS}")]
+    if _part_counts(session, part, whole):
+        return [(whole, _bad_reason(part.run))]
     return [(part, _part_reason(whole.run))]
 
 
@@ -160,12 +171,22 @@ def _part_reason(whole: str) -> str:
     return f"{_PART}{whole}{_COUNTS}"
 
 
+def _bad_reason(part: str) -> str:
+    return f"{_BAD}{part}{_COUNTS}"
+
+
 def _recordings(session: Session, run: RunRow) -> set[str]:
     return set(session.scalars(select(RecordingRow.sha256).where(RecordingRow.run_id == run.id)))
 
 
-def is_bad(session: Session, run: RunRow) -> bool:
-    """Whether the result of a run is bad: that by the method of its axis, else the newest one."""
-    by_method = ResultRow.method_id == session.get_one(Axis, run.axis_id).method_id
-    found = select(ResultRow.verdict).where(ResultRow.run_id == run.id)
-    return session.scalars(found.order_by(by_method.desc(), ResultRow.id.desc()).limit(1)).first() == "bad"
+def _part_counts(session: Session, part: RunRow, whole: RunRow) -> bool:
+    """Whether the part of two runs counts, since the history has a better result of it."""
+    return _rank(session, part) > _rank(session, whole)
+
+
+def _rank(session: Session, run: RunRow) -> int:
+    """Rank of the result of a run in the history: good and suspect ones alike, bad ones, none."""
+    result = used_result(session, session.get_one(Axis, run.axis_id), run.id)
+    if result is None:
+        return 0
+    return 1 if result.verdict == "bad" else 2

@@ -56,10 +56,11 @@ def find_run(session: Session, beginning: str) -> RunRow:
     InputError
         If there is none, or more than one.
     """
+    exact = session.scalar(select(RunRow).where(RunRow.run == beginning))
+    if exact is not None:
+        return exact
     matches = RunRow.run.startswith(beginning, autoescape=True)
     rows = session.scalars(select(RunRow).where(matches).limit(2)).all()
-    exact = [row for row in rows if row.run == beginning]
-    rows = exact or rows
     if not beginning or not rows:
         raise InputError(f"the store has no run {shown(beginning)}; 'ballscrew store show AXIS' lists them.")
     if len(rows) > 1:

@@ -101,7 +101,6 @@ def fit_blocks(
     priors: Sequence[Prior] = (),
     most_steps: int = 12,
     least_gain: float = 2e-5,
-    start: JointFit | None = None,
 ) -> JointFit:
     """Fit all blocks together.
 
@@ -120,8 +119,6 @@ def fit_blocks(
         Upper limit of the iterations.
     least_gain : float
         The iteration ends when a step lowers the cost by less than this part.
-    start : JointFit, optional
-        Fit of the same blocks and fields, with other priors, that ended at ``modes``.
 
     Returns
     -------
@@ -129,8 +126,8 @@ def fit_blocks(
         At the end of the iteration.
     """
     problem = _Problem.of(blocks, fields, priors)
-    final, linear = problem.minimised(modes, most_steps, least_gain, start)
-    return problem.linearised(final) if linear is None else linear
+    final = problem.minimised(modes, most_steps, least_gain)
+    return problem.linearised(final)
 
 
 def fit_modes(
@@ -145,7 +142,7 @@ def fit_modes(
 
     Takes less time, since the Jacobian at the end is not computed.
     """
-    final, _ = _Problem.of(blocks, fields, priors).minimised(modes, most_steps, least_gain)
+    final = _Problem.of(blocks, fields, priors).minimised(modes, most_steps, least_gain)
     return final.modes, log_residual(final.solved)
 
 
@@ -192,40 +189,25 @@ class _Problem:
         """Values of the parameters; logarithms for logarithmic fields."""
         return np.array([read_parameter(modes[index or 0], field) for field, index in self.parameters])
 
-    def minimised(
-        self, modes: Sequence[AxialMode], most_steps: int, least_gain: float, start: JointFit | None = None
-    ) -> tuple[_State, JointFit | None]:
-        """The state at the end of the iteration that begins with these modes, or with a fit that has them.
-
-        Returned with its linearisation, if that was computed.
-        """
-        linear: JointFit | None = None
-        if start is None:
-            state = self._first(modes)
-        else:
-            state = _State(start.modes, self.read(start.modes), start.solved, 0)
-            linear = self._fit(state, start.jacobian)
+    def minimised(self, modes: Sequence[AxialMode], most_steps: int, least_gain: float) -> _State:
+        """The state at the end of the iteration that begins with these modes."""
+        given = tuple(modes[b.mode_index] for b in self.blocks)
+        values = self.read(given)
+        first = modes_with(given, self.blocks, self.parameters, values)
+        state = self._solved(first, values, raw_columns_of(self.blocks, first), 0)
         damping = _FIRST_DAMPING
         while state.steps < most_steps:
-            if linear is None:
-                linear = self.linearised(state)
+            linear = self.linearised(state)
             cost = self._cost([float(r @ r) for r in linear.residual], state.values)
             step = self._damped_step(linear, state.values, cost, damping)
             if step is None:
                 break
             values, raw, damping, gain = step
             changed = modes_with(state.modes, self.blocks, self.parameters, values)
-            state, linear = self._solved(changed, values, raw, state.steps + 1), None
+            state = self._solved(changed, values, raw, state.steps + 1)
             if gain < least_gain * cost:
                 break
-        return state, linear
-
-    def _first(self, modes: Sequence[AxialMode]) -> _State:
-        """The state before the first step."""
-        given = tuple(modes[b.mode_index] for b in self.blocks)
-        values = self.read(given)
-        first = modes_with(given, self.blocks, self.parameters, values)
-        return self._solved(first, values, raw_columns_of(self.blocks, first), 0)
+        return state
 
     def _solved(self, modes: Modes, values: Array, raw: Sequence[Array], steps: int) -> _State:
         """The state at these modes, with the linear part of each block solved."""
@@ -234,12 +216,10 @@ class _Problem:
 
     def linearised(self, state: _State) -> JointFit:
         """The fit at a state, with its Jacobian."""
-        jacobian = _jacobian(self.blocks, state.modes, state.solved, self.parameters, state.values)
-        return self._fit(state, jacobian)
-
-    def _fit(self, state: _State, jacobian: tuple[Array, ...]) -> JointFit:
         modes, solved = state.modes, state.solved
-        residual = tuple((s.residual * _weight(s)).ravel() for s in solved)
+        weights = [_weight(s) for s in solved]
+        jacobian = _jacobian(self.blocks, modes, solved, self.parameters, state.values)
+        residual = tuple((s.residual * w).ravel() for s, w in zip(solved, weights, strict=True))
         hessian = sum((j.T @ j for j in jacobian), self.prior_rows.T @ self.prior_rows)
         return JointFit(modes, self.blocks, solved, self.parameters, jacobian, residual, hessian, state.steps)
 

@@ -132,11 +132,10 @@ def fit_profile(
     places = tuple(sorted({cell.position - w.middle for cell in w.cells}))
     has_load = profile.mass_over_preload > 0
     inflation = INITIAL_INFLATION
-    before: JointFit | None = None
     for _ in range(_ROUNDS):
         assumed, assumed_inflation = variation, inflation
-        now = _fit_once(blocks, modes, profile, places, assumed, inflation, most_steps, before)
-        before, modes = now, now.modes
+        now = _fit_once(blocks, modes, profile, places, assumed, inflation, most_steps)
+        modes = now.modes
         if has_load:
             inflation = variance_inflation(now, now.parameters.index(("mass_over_preload", None)))
         variation = _variation(now, places, assumed, profile.curved)
@@ -158,20 +157,16 @@ def _fit_once(
     variation: LocalVariation,
     inflation: float,
     most_steps: int,
-    before: JointFit | None,
 ) -> JointFit:
-    """One fit, with local compliances if the spread of the variation is not zero; ``before`` is the last."""
-    is_local = variation.spread > 0
-    start = before if before is not None and bool(before.modes[0].local) == is_local else None
-    priors = profile.priors(inflation)
-    if not is_local:
+    """One fit, with local compliances if the spread of the variation is not zero."""
+    if variation.spread == 0:
         smooth = tuple(replace(mode, places=(), local=()) for mode in modes)
-        return fit_blocks(blocks, smooth, profile.fields, priors, most_steps=most_steps, start=start)
+        return fit_blocks(blocks, smooth, profile.fields, profile.priors(inflation), most_steps=most_steps)
     if not modes[0].local:
         modes = with_places(modes, places)
     fields = profile.fields + local_fields(places)
-    priors += local_priors(variation, places, profile.curved)
-    return fit_blocks(blocks, modes, fields, priors, most_steps=_LOCAL_ITERATIONS, start=start)
+    priors = profile.priors(inflation) + local_priors(variation, places, profile.curved)
+    return fit_blocks(blocks, modes, fields, priors, most_steps=_LOCAL_ITERATIONS)
 
 
 def _variation(

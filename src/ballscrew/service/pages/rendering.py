@@ -51,7 +51,7 @@ _FINDINGS = re.compile("; (?=for: |against: |unclear: )")
 _DAY = re.compile(r"\d{4}-\d\d-\d\d")
 _MOMENT = re.compile(r"\d{4}-\d\d-\d\d(?:T[\d:.]+(?:Z|[+-]\d\d:\d\d)| \d\d:\d\d UTC)")
 _NUMBER = re.compile(r"[±+-]?\d+(?:\.\d+)?(?: %)?")
-_DAYS = {"en": "d MMM yyyy", "de": "dd.MM.yyyy"}  # as the medium form of a browser
+_DAYS = {"en": "d MMM yyyy", "de": "dd.MM.yyyy"}  # as browsers in Europe have them
 
 router = APIRouter(include_in_schema=False)
 
