@@ -355,7 +355,7 @@ def examine_long(command: Command, scratch: Path, number: int) -> tuple[Command,
     assert new, command.line
     old = dict.fromkeys(new, b"an older file\n")
     moments = random.Random(0)  # noqa: S311  no secrets
-    endings = []
+    endings: list[dict[str, Any]] = []
     while len(endings) < number:
         restore(folder, old)
         process = _start(command.line, folder)
