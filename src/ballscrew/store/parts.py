@@ -54,7 +54,7 @@ def count_parts(session: Session, run: str, by: str) -> None:
     by : str
         Who added the result.
     """
-    row = session.scalars(select(RunRow).where(RunRow.run == run)).one()
+    row = session.scalars(select(RunRow).where(RunRow.run == run)).all()[0]
     recordings = select(RecordingRow.sha256).where(RecordingRow.run_id == row.id)
     sharing = set(session.scalars(select(RecordingRow.run_id).where(RecordingRow.sha256.in_(recordings))))
     if sharing - {row.id}:
@@ -140,7 +140,7 @@ def include_parts(session: Session, axis: Axis, whole: RunRow, by: str) -> None:
 
 
 def _newest(session: Session, row: RunRow) -> RunRow:
-    return session.scalars(select(RunRow).where(RunRow.run == newest_version(session, row))).one()
+    return session.scalars(select(RunRow).where(RunRow.run == newest_version(session, row))).all()[0]
 
 
 def _sharing(session: Session, axis: Axis, run: RunRow) -> list[RunRow]:
