@@ -13,6 +13,8 @@ from ballscrew.monitoring.detection.kernels import (
     accumulate_ratio,
     innovation,
     mean_or_lower,
+    put_histories,
+    take_histories,
     update_coefficients,
 )
 from ballscrew.monitoring.detection.settings import MonitorSettings
@@ -85,13 +87,41 @@ def test_the_ratio_of_a_single_run_is_bounded(sample: Callable[..., np.ndarray])
         np.abs(sample(3, 20)),
     )
     largest, later, peak = np.abs(sample(3, 20)), np.empty((3, 20), F), np.empty((3, 20), F)
+    caps = np.array([1 / 2, 1 / 4, 5], F)
     for repeated, part in ((False, 1.0), (True, 4.0)):
         summed = np.ones(20)
-        accumulate_ratio(
-            density, healthy, repeated, np.array([2, 4, 5], F), F(0.5), ratio, largest, later, peak, summed
-        )
+        accumulate_ratio(density, healthy, repeated, caps, F(0.5), ratio, largest, later, peak, summed)
         now = density / healthy
         np.testing.assert_allclose(later, np.minimum(ratio * now, 5), rtol=1e-5)
         np.testing.assert_allclose(peak, np.maximum(largest, now / part), rtol=1e-5)
         expected = 1 + 0.5 * (later / np.maximum(peak / 2, 1)).mean(axis=0)
         np.testing.assert_allclose(summed, expected, rtol=1e-5)
+
+
+def test_an_onset_begins_without_evidence_and_with_the_coefficients_of_no_wear(
+    sample: Callable[..., np.ndarray],
+) -> None:
+    mean, gain, error = sample(2, 1, 20), sample(2), sample(3, 20)
+    repeated = np.repeat(mean, 3, axis=1)
+    found = np.empty((2, 2, 3, 20), F)
+    for number, each in enumerate((mean, repeated)):
+        update_coefficients(error, gain, F(1.5), each, found[number])
+    np.testing.assert_array_equal(found[0], found[1])
+    density, healthy = np.abs(sample(3, 20)) + F(0.1), np.abs(sample(20)) + F(0.1)
+    caps, later, peak = np.array([1 / 2, 1 / 4, 5], F), np.empty((3, 20), F), np.empty((3, 20), F)
+    ones = np.ones((1, 20), F)
+    accumulate_ratio(density, healthy, False, caps, F(0.5), ones, ones, later, peak, np.ones(20))
+    np.testing.assert_allclose(later, np.minimum(density / healthy, 5), rtol=1e-5)
+    np.testing.assert_allclose(peak, np.maximum(density / healthy, 1), rtol=1e-5)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_histories_are_taken_and_put_back(dtype: type) -> None:
+    whole = np.random.default_rng(2).standard_normal((6, 20)).astype(dtype)
+    which, part = np.array([1, 4, 19]), np.empty((6, 3), dtype)
+    take_histories(whole, which, part)
+    np.testing.assert_array_equal(part, whole[:, which])
+    changed = whole.copy()
+    put_histories(2 * part, which, changed)
+    whole[:, which] *= 2
+    np.testing.assert_array_equal(changed, whole)

@@ -14,7 +14,7 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 
 Single = NDArray[np.float32]
 # Fast arithmetic of finite numbers without reassociation: loops are vectorised, each element as if alone.
-_FAST = {"arcp", "nsz", "nnan", "ninf"}
+_FAST = {"nsz", "nnan", "ninf"}
 
 _ANYTHING = 1e-5  # density of a run that may be anything, over the largest density of an ordinary run
 _F = np.float32
@@ -170,17 +170,18 @@ def innovation(level: Single, wear: Single, row: Single, mean: Single, error: Si
         Loss by then at r rates of wear.
     row : ndarray of float32, shape (p,)
         Effect of each coefficient on the level.
-    mean : ndarray of float32, shape (p, r, m)
+    mean : ndarray of float32, shape (p, r, m) or (p, 1, m)
         Expected coefficients.
     error : ndarray of float32, shape (r, m)
         Filled.
     """
     for r in range(error.shape[0]):
+        of_rate = min(r, mean.shape[1] - 1)
         for j in range(error.shape[1]):
             error[r, j] = level[j] - wear[r]
         for p in range(len(row)):
             for j in range(error.shape[1]):
-                error[r, j] -= row[p] * mean[p, r, j]
+                error[r, j] -= row[p] * mean[p, of_rate, j]
 
 
 @compiled(fastmath=_FAST)
@@ -213,13 +214,16 @@ def update_coefficients(error: Single, gain: Single, most: np.float32, mean: Sin
         Change of each coefficient per innovation.
     most : float32
         Bound of the innovation.
-    mean, updated : ndarray of float32, shape (p, r, m)
-        Expected coefficients before, and after the visit (filled).
+    mean : ndarray of float32, shape (p, r, m) or (p, 1, m)
+        Expected coefficients before the visit.
+    updated : ndarray of float32, shape (p, r, m)
+        The same after it; filled.
     """
     for p in range(len(gain)):
         for r in range(error.shape[0]):
+            of_rate = min(r, mean.shape[1] - 1)
             for j in range(error.shape[1]):
-                updated[p, r, j] = mean[p, r, j] + gain[p] * min(max(error[r, j], -most), most)
+                updated[p, r, j] = mean[p, of_rate, j] + gain[p] * min(max(error[r, j], -most), most)
 
 
 @compiled(fastmath=_FAST)
@@ -246,24 +250,27 @@ def accumulate_ratio(
     repeated : bool
         True if the visit has a repeat.
     caps : ndarray of float32, shape (3,)
-        Largest ratio of a run that counts, the same factor of its repeat, and the largest ratio in all.
+        Reciprocals of the largest ratio of a run that counts and of the same factor of its repeat; the
+        largest ratio in all.
     weight : float32
         Weight of this onset.
-    ratio, largest : ndarray of float32, shape (r, m)
+    ratio, largest : ndarray of float32, shape (r, m) or (1, m)
         Ratio so far, and the largest factor of a single run.
     later, peak : ndarray of float32, shape (r, m)
         The same after the visit (filled).
     summed : ndarray, shape (m,)
         Added to.
     """
-    run_cap, repeat_cap, most = caps
+    per_run, per_repeat, most = caps
     share = weight / np.float32(density.shape[0])
+    factor = per_repeat if repeated else np.float32(1.0)
     for r in range(density.shape[0]):
+        of_rate = min(r, ratio.shape[0] - 1)
         for j in range(density.shape[1]):
             now = density[r, j] / healthy[j]
-            later[r, j] = min(ratio[r, j] * now, most)
-            peak[r, j] = max(largest[r, j], now / repeat_cap if repeated else now)
-            summed[j] += share * later[r, j] / max(peak[r, j] / run_cap, np.float32(1.0))
+            later[r, j] = min(ratio[of_rate, j] * now, most)
+            peak[r, j] = max(largest[of_rate, j], now * factor)
+            summed[j] += share * later[r, j] / max(peak[r, j] * per_run, np.float32(1.0))
 
 
 @compiled(fastmath=_FAST)
@@ -276,6 +283,7 @@ def update_histories(
     caps: Single,
     before: OddsArrays,
     after: OddsArrays,
+    new: int,
     density: Single,
     summed: NDArray[np.float64],
 ) -> None:
@@ -296,6 +304,9 @@ def update_histories(
     before, after : tuple of ndarray of float32
         Before, and after the visit (filled): coefficients without wear, (s, p, 1, m), and with it,
         (s, o, p, r, m); ratio and largest factor of a run, (s, o, r, m).
+    new : int
+        Onsets that begin with the visit, of which ``before`` has no numbers: those of the earlier ones follow
+        them.
     density : ndarray of float32, shape (s, m)
         Of the visit without wear; filled.
     summed : ndarray, shape (s, m)
@@ -307,6 +318,7 @@ def update_histories(
     healthy_after, worn_after, ratio_after, largest_after = after
     gain, most, mixture, both = healthy_update
     worn_gain, worn_most, worn_mixture, worn_both = worn_update
+    no_evidence = np.ones((1, density.shape[1]), np.float32)
     errors = np.empty((2, wear.shape[1], density.shape[1]), np.float32)
     worn_density = np.empty(errors.shape[1:], np.float32)
     for g in range(density.shape[0]):
@@ -315,12 +327,15 @@ def update_histories(
             if o < 0:
                 loss, error, second, found = none[0], errors[0, :1], errors[1, :1], density[g : g + 1]
                 change, bound, single, pair = gain[g], most[g], mixture[g], both[g]
-                mean, updated = healthy[g], healthy_after[g]
+                mean, so_far, peak, updated = healthy[g], no_evidence, no_evidence, healthy_after[g]
             else:
                 loss, error, second, found = wear[o], errors[0], errors[1], worn_density
                 change, bound = worn_gain[g, o], worn_most[g, o]
                 single, pair = worn_mixture[g, o], worn_both[g, o]
-                mean, updated = worn[g, o], worn_after[g, o]
+                mean, so_far, peak = healthy[g], no_evidence, no_evidence
+                if o >= new:
+                    mean, so_far, peak = worn[g, o - new], ratio[g, o - new], largest[g, o - new]
+                updated = worn_after[g, o]
             innovation(level, loss, row, mean, error)
             if repeated:
                 innovation(repeat, loss, row, mean, second)
@@ -331,25 +346,42 @@ def update_histories(
             update_coefficients(error, change, bound, mean, updated)
             if o >= 0:
                 accumulate_ratio(
-                    found, density[g], repeated, caps, weight[o], ratio[g, o], largest[g, o],
+                    found, density[g], repeated, caps, weight[o], so_far, peak,
                     ratio_after[g, o], largest_after[g, o], summed[g],
                 )  # fmt: skip
 
 
 @compiled()
-def overwrite_histories(whole: Array | Single, which: NDArray[np.int_], changed: Array | Single) -> None:
-    """Overwrite some histories; NumPy's indexing of the last axis takes twice the time.
+def take_histories(whole: Array | Single, which: NDArray[np.int_], part: Array | Single) -> None:
+    """Copy some histories; NumPy's indexing of the last axis takes several times as long.
 
     Parameters
     ----------
-    whole : ndarray, shape (..., m)
-        Contiguous numbers of m histories.
+    whole : ndarray, shape (n, m)
+        Numbers of m histories.
+    which : ndarray of int, shape (k,)
+        Those to copy.
+    part : ndarray, shape (n, k)
+        Filled.
+    """
+    for row in range(whole.shape[0]):
+        for j in range(len(which)):
+            part[row, j] = whole[row, which[j]]
+
+
+@compiled()
+def put_histories(part: Array | Single, which: NDArray[np.int_], whole: Array | Single) -> None:
+    """Overwrite some histories, the inverse of :func:`take_histories`.
+
+    Parameters
+    ----------
+    part : ndarray, shape (n, k)
+        Their numbers.
     which : ndarray of int, shape (k,)
         Those to overwrite.
-    changed : ndarray, shape (k, n)
-        Their n numbers.
+    whole : ndarray, shape (n, m)
+        Numbers of m histories.
     """
-    rows = whole.reshape(changed.shape[1], whole.shape[-1])
-    for row in range(rows.shape[0]):
+    for row in range(whole.shape[0]):
         for j in range(len(which)):
-            rows[row, which[j]] = changed[j, row]
+            whole[row, which[j]] = part[row, j]

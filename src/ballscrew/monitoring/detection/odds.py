@@ -10,6 +10,7 @@ single run with the largest likelihood ratio counts at most ``_RUN_CAP``: one ou
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -21,9 +22,10 @@ from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.design import Design, Layout
 from ballscrew.monitoring.detection.kernels import (
     VisitUpdate,
-    overwrite_histories,
     pair_mixture,
+    put_histories,
     run_mixture,
+    take_histories,
     update_histories,
 )
 
@@ -33,10 +35,10 @@ _RATES = np.array([1 / 350, 1 / 160, 1 / 90])  # of the level per day: lives in 
 _ONSETS = 5  # newest runs before which wear may have begun; the ramp covers earlier ones
 _SCALES = np.exp(np.linspace(-1.2, 1.0, 6))  # of the scatter, over that of the settings
 _SCALE_SPREAD = 0.6  # of ln: axes differ by more than the runs of one axis leave open
-_RUN_CAP = np.float32(np.exp(4.0))  # largest likelihood ratio of a single run
-_REPEAT_CAP = np.float32(np.exp(4.0))  # the same factor of its repeat
-_LARGEST_RATIO = np.float32(1e20)
-_CAPS = np.array([_RUN_CAP, _REPEAT_CAP, _LARGEST_RATIO])
+_RUN_CAP = np.exp(4.0)  # largest likelihood ratio of a single run
+_REPEAT_CAP = np.exp(4.0)  # the same factor of its repeat
+_LARGEST_RATIO = 1e20
+_CAPS = np.array([1 / _RUN_CAP, 1 / _REPEAT_CAP, _LARGEST_RATIO], np.float32)
 _BOUND = 3.0  # standard deviations of an innovation that updates the coefficients
 _LEVEL = 0.3  # prior standard deviation of the level
 _THERMOMETER = 0.5  # of the squared effect of a wrong temperature on a typical axis
@@ -81,22 +83,27 @@ class OddsState:
     log_likelihood: Array
 
     def part(self, which: NDArray[np.int_]) -> OddsState:
-        """Select histories.
-
-        The copies are strided, not contiguous: compiled loops then treat each history exactly as if alone.
-        """
-        columns = {name: getattr(self, name)[..., which] for name in _BY_HISTORY}
+        """Select histories."""
+        columns = {}
+        for name in _BY_HISTORY:
+            whole = getattr(self, name)
+            columns[name] = np.empty((*whole.shape[:-1], len(which)), whole.dtype)
+            take_histories(_by_history(whole), which, _by_history(columns[name]))
         return replace(self, **columns)
 
     def put(self, which: NDArray[np.int_], part: OddsState) -> None:
         """Overwrite histories by those of another state."""
         for name in _BY_HISTORY:
-            changed = np.moveaxis(getattr(part, name), -1, 0)
-            overwrite_histories(getattr(self, name), which, changed.reshape(len(which), -1))
+            put_histories(_by_history(getattr(part, name)), which, _by_history(getattr(self, name)))
 
 
-_UPDATED = ("healthy", "worn", "ratio", "largest")  # by the compiled loop
-_BY_HISTORY = (*_UPDATED, "log_likelihood")
+def _by_history(numbers: NDArray[Real]) -> NDArray[Real]:
+    """View of contiguous numbers, shape (n, m)."""
+    return numbers.reshape(math.prod(numbers.shape[:-1]), numbers.shape[-1])
+
+
+_OF_ONSETS = ("worn", "ratio", "largest")
+_BY_HISTORY = ("healthy", *_OF_ONSETS, "log_likelihood")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -209,7 +216,8 @@ def prepare_odds(design: Design, k: int, state: OddsState, *, begun: bool) -> Od
     Returns
     -------
     OddsState
-        Just before the visit.
+        Just before the visit. Of the new onset it has the covariance alone: its other numbers are those
+        without wear.
     """
     if state.layout != design.layout:
         state = _with_new_columns(state, design)
@@ -321,22 +329,13 @@ def _noise(design: Design, k: int) -> Array:
 def _with_new_onset(design: Design, k: int, state: OddsState) -> OddsState:
     """State with wear that begins midway between a run and the one before."""
     gap = float(design.days[k]) - state.day
-    mean = np.repeat(state.healthy, len(_RATES), axis=2)
-    no_evidence = np.ones((len(_SCALES), *mean.shape[2:]), np.float32)
+    covariance = np.concatenate([state.healthy_covariance[:, None], state.worn_covariance], axis=1)
     return replace(
         state,
         onsets=np.append(design.days[k] - gap / 2, state.onsets)[:_ONSETS],
         gaps=np.append(gap, state.gaps)[:_ONSETS],
-        worn=_newest_first(mean, state.worn),
-        worn_covariance=_newest_first(state.healthy_covariance, state.worn_covariance),
-        ratio=_newest_first(no_evidence, state.ratio),
-        largest=_newest_first(no_evidence, state.largest),
+        worn_covariance=covariance[:, :_ONSETS],
     )
-
-
-def _newest_first(new: NDArray[Real], earlier: NDArray[Real]) -> NDArray[Real]:
-    """Numbers of a new onset before those of the earlier ones that remain; onsets are the second axis."""
-    return np.concatenate([new[:, None], earlier[:, : _ONSETS - 1]], axis=1)
 
 
 def _update(
@@ -351,7 +350,10 @@ def _update(
     worn_update, worn_covariance = _update_of(
         design, x, noise[:, None], before.worn_covariance, repeated=repeated
     )
-    columns = {name: np.empty_like(getattr(before, name)) for name in _UPDATED}
+    columns = {"healthy": np.empty_like(before.healthy)}
+    for name in _OF_ONSETS:
+        scales, _, *others = getattr(before, name).shape
+        columns[name] = np.empty((scales, len(before.onsets), *others), np.float32)
     density = np.empty(before.log_likelihood.shape, np.float32)
     summed = np.zeros_like(before.log_likelihood)
     update_histories(
@@ -363,6 +365,7 @@ def _update(
         _CAPS,
         (before.healthy, before.worn, before.ratio, before.largest),
         (columns["healthy"], columns["worn"], columns["ratio"], columns["largest"]),
+        int(begun),
         density,
         summed,
     )
