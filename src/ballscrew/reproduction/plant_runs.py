@@ -25,7 +25,7 @@ from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.reproduction.plant import PlantAxis, random_of, rig_of, temperature
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.run import simulate_run
-from ballscrew.testbed.trip import prepared
+from ballscrew.testbed.machine import constants
 
 _TRUE = 0.75
 """True errors over the stated ones, from run to run: 0.72 and 0.84 in 174 runs of 29 random axes."""
@@ -139,12 +139,12 @@ def _model(axis: PlantAxis, runs: dict[int, Run]) -> CalibratedAxis | None:
 
 
 def _true_state(axis: PlantAxis, week: int, seed: int) -> TrueState:
-    rig, plan = rig_of(axis, week, seed), axis.type.plan
-    c = prepared(rig.machine, axis.type.load, plan)
+    machine, places = rig_of(axis, week, seed).machine, axis.type.plan.positions
+    c = constants(machine, axis.type.load, (places[0] + places[-1]) / 2)
     return TrueState(
-        free=np.array([true_frequency(c, place) for place in plan.positions]),
-        rotor_held=np.array([true_frequency(c, place, rotor_fixed=True) for place in plan.positions]),
-        preload=float(rig.machine.local_preload(plan.positions).mean()),
+        free=np.array([true_frequency(c, place) for place in places]),
+        rotor_held=np.array([true_frequency(c, place, rotor_fixed=True) for place in places]),
+        preload=float(machine.local_preload(places).mean()),
         coulomb=c.coulomb + c.drag,
     )
 
