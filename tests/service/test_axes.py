@@ -74,6 +74,7 @@ def test_the_audit_names_the_values_of_the_calendar_that_changed(client: TestCli
         ({"working_days": []}, "working_days: "),
         ({"working_days": ["Montag"]}, "working_days.0: "),
         ({"holidays": ["Christmas"]}, "holidays.0: "),
+        ({"holidays": [1798070400]}, "must be a date such as 2026-12-24"),
         ({"holidays": ["2026-12-25"] * 1001}, "at most 1000 items"),
         ({"working_day": ["Mon"]}, "working_day: "),
         (
@@ -85,7 +86,7 @@ def test_the_audit_names_the_values_of_the_calendar_that_changed(client: TestCli
                 "working_days": ["Mon"],
                 "holidays": [str(date(2027, 1, 4) + timedelta(weeks=week)) for week in range(52)],
             },
-            "schedule: holidays: 2027 has no working day besides.",
+            "schedule: holidays: from 2027-01-04 on, a year has no working day.",
         ),
     ],
 )

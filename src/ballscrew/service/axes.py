@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from datetime import UTC, date, datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -25,7 +25,7 @@ from ballscrew.service.counting import check_time
 from ballscrew.service.jobs import request_assessment
 from ballscrew.service.reading import missing_of
 from ballscrew.service.serving import RefusedError, Service
-from ballscrew.service.settings import Shifts
+from ballscrew.service.settings import Day, Shifts
 from ballscrew.service.stored_runs import locate_run
 from ballscrew.store.adding import add_events, add_model, add_sheet, insert_document
 from ballscrew.store.calendars import CALENDAR, LONGEST_WAIT, RunCalendar, Weekday, known_zone
@@ -66,7 +66,7 @@ class Schedule(BaseModel):
     working_days: tuple[Weekday, ...] | None = Field(
         default=None, min_length=1, max_length=7, description="Days of the week on which runs are expected."
     )
-    holidays: tuple[date, ...] | None = Field(
+    holidays: tuple[Day, ...] | None = Field(
         default=None, max_length=1000, description="Days on which none are expected besides."
     )
     time_zone: TimeZone | None = Field(default=None, description="Of these days, such as Europe/Berlin.")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, BaseModel, Field, SecretStr, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, SecretStr, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
 from ballscrew.base.errors import InputError, shown
@@ -38,6 +38,15 @@ def _checked_shifts(texts: tuple[str, ...]) -> tuple[str, ...]:
     parse_shifts(texts)
     return texts
 
+
+def _checked_day(value: object) -> object:
+    if isinstance(value, (int, float)):  # which pydantic reads as seconds since 1970
+        raise ValueError("must be a date such as 2026-12-24")
+    return value
+
+
+Day = Annotated[date, BeforeValidator(_checked_day)]
+"""A date, or a text such as 2026-12-24."""
 
 Shifts = Annotated[tuple[str, ...], Field(max_length=24), AfterValidator(_checked_shifts)]
 """Shifts such as 06:00-14:00."""
@@ -95,7 +104,7 @@ class ServerSettings(BaseSettings):
     working_days: tuple[Weekday, ...] = Field(
         DAYS, min_length=1, description="Days on which runs are expected: on others no silence is counted."
     )
-    holidays: tuple[date, ...] = Field((), description="Days on which none are expected besides.")
+    holidays: tuple[Day, ...] = Field((), description="Days on which none are expected besides.")
     time_zone: str = Field("UTC", description="Time zone of these days, such as Europe/Berlin.")
     shifts: Shifts = Field(
         (), description="Times of these days, such as 06:00-14:00, outside of which no silence is counted."

@@ -26,6 +26,7 @@ LONGEST_WAIT = timedelta(days=36_525)
 _SHIFT = re.compile(r"([01][0-9]|2[0-3]):([0-5][0-9])-([01][0-9]|2[0-3]|24(?=:00)):([0-5][0-9])")
 _DAY_MIN = 24 * 60
 _WHOLE_DAY = ((0, _DAY_MIN),)
+_YEAR_D = 365
 _WEEK = timedelta(weeks=1)
 _RESOLUTION = timedelta(microseconds=1)
 
@@ -88,13 +89,22 @@ class RunCalendar:
         return not self.holidays and worked == _DAY_MIN and len(set(self.weekdays)) == len(DAYS)
 
     def problem(self) -> str | None:
-        """Sentence about a year without a working day; None where each has one."""
-        for year in sorted({day.year for day in self.holidays}):
-            length = date(year, 12, 31).timetuple().tm_yday
-            days = (date(year, 1, 1) + timedelta(days=number) for number in range(length))
-            if all(day.weekday() not in self.weekdays or day in self.holidays for day in days):
-                return f"holidays: {year} has no working day besides."
+        """Sentence about a year without a working day, whenever it begins; None where there is none."""
+        first = before = 0  # ordinals of days, which have no end
+        for day in sorted(day.toordinal() for day in self.holidays if day.weekday() in self.weekdays):
+            if before == 0 or day != self._next(before):
+                first = day
+            before = day
+            if self._next(day) - self._next(first, -1) > _YEAR_D:
+                return f"holidays: from {date.fromordinal(first)} on, a year has no working day."
         return None
+
+    def _next(self, day: int, step: int = 1) -> int:
+        """Next of the weekdays after a day, or before it with a step of -1; both are ordinals."""
+        day += step
+        while (day - 1) % len(DAYS) not in self.weekdays:  # 1 was a Monday
+            day += step
+        return day
 
     def changed(self, stated: Mapping[str, Any]) -> RunCalendar:
         """The same calendar with other values of :data:`CALENDAR`, as JSON has them."""
