@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.axis.conftest import Sheets
 from tests.calibration.tables import table
@@ -15,6 +20,31 @@ from ballscrew.axis.axial_prior import prior
 from ballscrew.base.jsonfile import write_json
 from ballscrew.calibration.modelfile import read_model
 from ballscrew.cli.shell import run
+from ballscrew.modal.cell import SharedError
+
+
+def test_the_model_does_not_depend_on_the_order_of_sets(tmp_path: Path) -> None:
+    """Strings have another hash in each process, and sets of them another order."""
+    sheet = Sheets(tmp_path).read()
+    model = from_vector(prior(sheet, 0.2)[0], 0.2)
+    random, paths = np.random.default_rng(0), []
+    for number, load in enumerate((0.0, 50.0, 100.0)):
+        run = table(lambda x, m=load: float(frequency(model, x, m)), (0.0, 0.2, 0.4), load, number)  # type: ignore[misc]
+        more = []
+        for name in ("balls", "clock", "profile", "sensor", "softening"):
+            effects = random.uniform(-0.1, 0.1, len(run.cells))
+            more.append(SharedError(name, repeats=True, effects_Hz=tuple(effects.tolist())))
+        run = replace(run, shared_errors=(*run.shared_errors, *more))
+        paths.append(tmp_path / f"run{number}.json")
+        paths[-1].write_text(write_json(run.to_json()), encoding="utf-8")
+    found = set()
+    for seed in "1234":
+        out = tmp_path / f"model{seed}.json"
+        command = ["-m", "ballscrew", "calibrate", *paths, "--axis", tmp_path / "axis.toml", "--out", out]
+        environment = {**os.environ, "PYTHONHASHSEED": seed}
+        subprocess.run([sys.executable, *map(str, command)], env=environment, check=True)  # noqa: S603
+        found.add(out.read_bytes())
+    assert len(found) == 1
 
 
 @pytest.fixture

@@ -83,7 +83,7 @@ def joint_covariance(runs: Sequence[FrequencyTable], correlation: float = REPEAT
     for i, run in enumerate(runs):
         total[spans[i], spans[i]] = covariance(run)
         for j in range(i):
-            for key in repeating[i].keys() & repeating[j].keys():
+            for key in sorted(repeating[i].keys() & repeating[j].keys()):
                 block = correlation * np.outer(repeating[i][key], repeating[j][key])
                 total[spans[i], spans[j]] += block
                 total[spans[j], spans[i]] += block.T

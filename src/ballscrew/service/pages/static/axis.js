@@ -258,7 +258,8 @@
     const found = trend.events.map((each) => ({ at: seconds(each.at), text: each.kind, alarm: false }));
     for (const each of trend.alarms) {
       const at = seconds(each.began_at);
-      found.push({ at, text: `${words.alarm} ${each.began_at.slice(0, 10)}`, alarm: true, over: each.ended_at !== null });
+      const day = ballscrew.calendar.format(ballscrew.instant(each.began_at));
+      found.push({ at, text: `${words.alarm} ${day}`, alarm: true, over: each.ended_at !== null });
     }
     return found.sort((a, b) => a.at - b.at);
   }

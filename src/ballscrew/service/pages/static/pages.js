@@ -298,5 +298,5 @@ const ballscrew = (() => {
 
   // Scripts of pages, which are deferred too, add their charts before this runs.
   document.addEventListener("DOMContentLoaded", start);
-  return { charts, colour, number, clock, instant, language, sortable, fetched, widthOf, fit, isDark, recolours, ownHeaders };
+  return { charts, colour, number, clock, calendar, instant, language, sortable, fetched, widthOf, fit, isDark, recolours, ownHeaders };
 })();
