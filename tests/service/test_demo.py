@@ -17,9 +17,10 @@ from sqlalchemy import select
 from tests.service.conftest import client_of
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.provenance import digest
 from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.modal.run import Run
-from ballscrew.reproduction.plant import PLANT, WEEKS
+from ballscrew.reproduction.plant import PLANT, WEEKS, rig_of
 from ballscrew.service import demo
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
@@ -29,12 +30,15 @@ from ballscrew.store.migrating import create_store
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.rows import unpack
 from ballscrew.store.tables import Axis, ResultRow, RunRow, Source
+from ballscrew.testbed.linear import true_frequency
+from ballscrew.testbed.machine import constants
 
 PRESENT = datetime(2026, 5, 1, 12, tzinfo=UTC)
 _FIRST = WEEKS - 12
-HEALTHY = replace(PLANT[1], first=_FIRST, recorded=(WEEKS - 1,))
+HEALTHY = replace(PLANT[1], first=_FIRST, recorded=(WEEKS - 1,), like=None)
 ABSENT = replace(PLANT[8], first=_FIRST, last=WEEKS - 3, recorded=())
-SMALL = (HEALTHY, ABSENT)
+ALIKE = replace(PLANT[4], first=_FIRST, recorded=(), like=HEALTHY.name)
+SMALL = (HEALTHY, ABSENT, ALIKE)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +48,7 @@ def few_members() -> None:
 
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two axes over twelve weeks; one is absent in the end."""
+    """Three axes over twelve weeks; one is absent in the end, and one imitates the first."""
     folder = tmp_path_factory.mktemp("demo") / "plant"
     demo.make_plant(folder, axes=SMALL, present=PRESENT)
     return folder
@@ -78,7 +82,7 @@ def test_the_store_is_whole_and_is_marked(plant: Path, service: Service) -> None
         assert client.get("/readyz").json()["simulated"]
     assert fleet["simulated"]
     assert {axis["site"] for axis in fleet["axes"]} == {"simulated plant, hall 1", "simulated plant, hall 2"}
-    assert [axis["state"] for axis in fleet["axes"]] == ["normal", "normal"]
+    assert [axis["state"] for axis in fleet["axes"]] == 3 * ["normal"]
     assert list(plant.glob("recordings-*")) == []
 
 
@@ -119,6 +123,29 @@ def test_imitated_runs_agree_with_the_analysed_one_and_scatter(plant: Path) -> N
     assert np.abs(moved).max() < 5 * stated.max()
     assert (moved.std(axis=0) > 0.1 * stated).all()
     assert {run.made.inputs.get("imitated") for run, _ in imitated} == {analysed.id}
+
+
+def test_an_axis_imitates_another_of_its_type(plant: Path) -> None:
+    analysed = runs_of(plant, HEALTHY.name)[0][0]
+    runs = runs_of(plant, ALIKE.name)
+    assert [recorded for _, recorded in runs] == 12 * [False]
+    assert {run.made.inputs["imitated"] for run, _ in runs} == {analysed.id}
+    assert {run.axis for run, _ in runs} == {ALIKE.name}
+    assert {run.made.inputs["axis"] for run, _ in runs}.isdisjoint({analysed.made.inputs["axis"]})
+    places = ALIKE.type.plan.positions
+    machines = [rig_of(axis, _FIRST, 0).machine for axis in (HEALTHY, ALIKE)]
+    constant = [constants(machine, ALIKE.type.load, (places[0] + places[-1]) / 2) for machine in machines]
+    tables = [frequency_table(run) for run in (analysed, runs[0][0])]
+    for place in places[1:]:
+        true = true_frequency(constant[1], place) / true_frequency(constant[0], place)
+        found = [table.frequency[table.position == place].mean() for table in tables]
+        assert found[1] / found[0] == pytest.approx(true, rel=0.004)
+    assert analysed.made.inputs["axis"] == digest(HEALTHY.sheet.to_settings())
+
+
+def test_each_axis_has_three_recorded_tests() -> None:
+    for axis in PLANT:
+        assert len({*axis.recorded, *axis.templates}) >= 3
 
 
 def test_a_second_start_uses_the_same_plant(plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:

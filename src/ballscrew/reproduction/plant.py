@@ -87,6 +87,9 @@ class PlantAxis:
         Instruments from a week on.
     recorded : tuple of int
         Weeks whose recordings are stored, besides those of :meth:`templates`.
+    like : str, optional
+        Axis of the same type, tested from the same week on, whose first analysed run is imitated; by default
+        the axis itself.
     calibrated : bool
         Whether there is a model of the axis.
     raised : int, optional
@@ -110,6 +113,7 @@ class PlantAxis:
     swing: float = _REGULATED
     loose: Times = field(default_factory=dict)
     recorded: tuple[int, ...] = (WEEKS // 2, WEEKS - 1)
+    like: str | None = None
     calibrated: bool = True
     raised: int | None = None
     story: tuple[tuple[float, str, str], ...] = ()
@@ -130,7 +134,8 @@ class PlantAxis:
         """Weeks whose recordings are analysed before others are imitated by them."""
         if not self.calibrated:
             return ()
-        return (self.first, *sorted(self.loose))
+        first = () if self.like else (self.first,)
+        return (*first, *sorted(self.loose))
 
     @property
     def weeks(self) -> range:
@@ -227,6 +232,7 @@ def _type(
     return AxisType(replace(AXIS, screw=screw, table=table), Plan(positions, 3, (load,), motions))
 
 
+_RECORDED = (WEEKS // 4, WEEKS // 2, WEEKS - 1)  # of an axis whose first test is imitated
 _STOPS = (0.0, 0.13, 0.27, 0.4)
 _MORE_STOPS = (0.0, 0.1, 0.2, 0.3, 0.4)
 _MILL = _type(_STOPS, LOAD)
@@ -239,25 +245,31 @@ _HANGING = Instruments(pitch_frequency=1.0, pitch_damping=0.3, pitch=(0.0, 1.0))
 
 PLANT = (
     PlantAxis("mill 4 X", "mill 4", "hall 1", _MILL, 20.0, worn=(96.0, 45.0)),
-    PlantAxis("mill 4 Y", "mill 4", "hall 1", _MILL, 19.0),
-    PlantAxis("mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(101.0, 290.0), recorded=(52, 78)),
+    PlantAxis("mill 4 Y", "mill 4", "hall 1", _MILL, 19.0, recorded=_RECORDED, like="mill 4 X"),
+    PlantAxis(
+        "mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(101.0, 370.0), recorded=(26, 52, 78),
+        like="mill 4 X", draw=2,
+    ),
     PlantAxis(
         "mill 7 X", "mill 7", "hall 1", _MILL, 44.0, worn=(40.0, 30.0), replaced=46, raised=42,
+        recorded=_RECORDED, like="mill 4 X",
         story=(
             (42.3, "acknowledge", "A nut is ordered."),
             (46.5, "nut replaced", "New nut with new balls."),
             (47.6, "close", "The old nut had lost a quarter of its preload; its balls were worn."),
         ),
     ),
-    PlantAxis("mill 7 Y", "mill 7", "hall 1", _MILL, 43.0, swing=7.0),
-    PlantAxis("mill 7 Z", "mill 7", "hall 1", _MILL, 42.0, loose={97: _LOOSE, 101: _HANGING}),
+    PlantAxis("mill 7 Y", "mill 7", "hall 1", _MILL, 43.0, swing=7.0, recorded=_RECORDED, like="mill 4 X"),
+    PlantAxis(
+        "mill 7 Z", "mill 7", "hall 1", _MILL, 42.0, loose={97: _LOOSE, 101: _HANGING}, like="mill 4 X",
+    ),
     PlantAxis(
         "lathe 2 X", "lathe 2", "hall 2", _LATHE_OF_TWO, 68.0, bearing=(94.0, 0.03), raised=95,
         story=((95.4, "acknowledge", "The bearing will be adjusted at the next service."),),
     ),
     PlantAxis("lathe 2 Z", "lathe 2", "hall 2", _LATHE, 67.0),
     PlantAxis("grinder 1 X", "grinder 1", "hall 2", _GRINDER, 120.0, last=101, recorded=(52, 101)),
-    PlantAxis("grinder 1 Z", "grinder 1", "hall 2", _GRINDER, 92.0),
+    PlantAxis("grinder 1 Z", "grinder 1", "hall 2", _GRINDER, 92.0, recorded=_RECORDED, like="grinder 1 X"),
     PlantAxis("gantry 3 X", "gantry 3", "hall 2", _GANTRY, 6.0, first=101, recorded=(102, 103)),
     PlantAxis(
         "gantry 3 Y", "gantry 3", "hall 2", _GANTRY, 5.0, first=101, recorded=(101, 102, 103),

@@ -1,13 +1,14 @@
 """Tests of the simulated plant: recordings that are analysed, and runs that imitate the analysed ones.
 
-An imitated run has no recordings. Its frequencies are those of an analysed run of the same axis and test,
-times the ratio of the true frequencies at both times, with errors of the size that the analysed run states
-for causes that do not repeat. So both are runs of one test on one axis.
+An imitated run has no recordings. Its frequencies are those of an analysed run of the same test, on the axis
+or one of its type, times the ratio of the true frequencies of both, with errors of the size that the analysed
+run states for causes that do not repeat.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -78,15 +79,20 @@ class TrueState:
     coulomb: float
 
 
-def make_history(axis: PlantAxis, present: datetime, seed: int, folder: Path) -> AxisHistory:
-    """Simulate the recordings of an axis, analyse some of them, and imitate the other tests.
+Template = tuple[Run, TrueState]
+
+
+def make_histories(
+    axes: Sequence[PlantAxis], present: datetime, seed: int, folder: Path
+) -> list[AxisHistory]:
+    """Simulate the recordings of axes of a type, analyse some of them, and imitate the other tests.
 
     Parameters
     ----------
-    axis : PlantAxis
-        The axis.
+    axes : sequence of PlantAxis
+        The first has its own analysed runs; others may imitate its first one.
     present : datetime
-        Present time, at which the history ends.
+        Present time, at which the histories end.
     seed : int
         Of the plant.
     folder : Path
@@ -94,23 +100,34 @@ def make_history(axis: PlantAxis, present: datetime, seed: int, folder: Path) ->
 
     Returns
     -------
-    AxisHistory
-        Runs, recordings and model.
+    list of AxisHistory
+        Runs, recordings and model of each.
     """
+    template: Template | None = None
+    histories = []
+    for axis in axes:
+        history = _make_history(axis, present, seed, folder / axis.name, template)
+        histories.append(history)
+        if template is None and axis.templates:
+            template = history.runs[axis.first], _true_state(axis, axis.first, seed)
+    return histories
+
+
+def _make_history(
+    axis: PlantAxis, present: datetime, seed: int, folder: Path, template: Template | None
+) -> AxisHistory:
     recordings: dict[int, Path] = {}
     for week in sorted({*axis.recorded, *axis.templates}):
         recordings[week] = _record(axis, week, present, seed, folder / f"week-{week}")
     runs: dict[int, Run] = {}
-    template, then = None, None
     for week in axis.weeks:
         if week in axis.templates:
-            template = replace(analyze(recordings[week]), frequency_response=None)
-            then = _true_state(axis, week, seed)
-            runs[week] = template
-        elif template is not None and then is not None and week not in recordings:
-            state = _true_state(axis, week, seed)
-            run = imitate_run(template, then, state, random_of(axis, seed, week, 2))
-            runs[week] = _dated(run, axis, week, present, seed)
+            runs[week] = replace(analyze(recordings[week]), frequency_response=None)
+            template = runs[week], _true_state(axis, week, seed)
+        elif axis.calibrated and template is not None and week not in recordings:
+            run, then = template
+            imitated = imitate_run(run, then, _true_state(axis, week, seed), random_of(axis, seed, week, 2))
+            runs[week] = _dated(imitated, axis, week, present, seed)
     return AxisHistory(axis, runs, recordings, _model(axis, runs))
 
 
@@ -150,14 +167,14 @@ def _true_state(axis: PlantAxis, week: int, seed: int) -> TrueState:
 
 
 def imitate_run(template: Run, then: TrueState, state: TrueState, random: np.random.Generator) -> Run:
-    """Run of the test of another run at another time.
+    """Run of the test of another run, at another time or on another axis of the type.
 
     Parameters
     ----------
     template : Run
         Analysed.
     then, state : TrueState
-        True state at the time of the template, and at that of the new run.
+        True state at the template, and at the new run.
     random : Generator
         Errors of the new run.
 
@@ -255,10 +272,12 @@ def _dated(run: Run, axis: PlantAxis, week: int, present: datetime, seed: int) -
     files = []
     for number, file in enumerate(run.files):
         files.append(FileRef(file.name, digest([identity, number])))
-    made = replace(run.made, inputs=run.made.inputs | {"imitated": run.id})
+    sheet = digest(axis.sheet.to_settings())
+    made = replace(run.made, inputs=run.made.inputs | {"axis": sheet, "imitated": run.id})
     return replace(
         run,
         id=identity,
+        axis=axis.name,
         measured_at=measured_at,
         temperature_C=temperature(axis, week, seed),
         files=tuple(files),

@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -24,7 +24,7 @@ from ballscrew.fcft.planfile import plan_toml
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
 from ballscrew.reproduction.plant import CHANNELS, PLANT, SITE, PlantAxis
-from ballscrew.reproduction.plant_runs import AxisHistory, make_history
+from ballscrew.reproduction.plant_runs import AxisHistory, make_histories
 from ballscrew.service.access import Caller
 from ballscrew.service.alarms import Action, act, watch_for_silence
 from ballscrew.service.axes import AxisSetup, NewEvent, Schedule, add_axis_events, add_axis_model, set_up_axis
@@ -178,10 +178,21 @@ def _make_histories(
 ) -> Iterator[AxisHistory]:
     """Histories of the axes, as they come."""
     # Those with the most analyses first, so that both processes end together.
-    ordered = sorted(axes, key=lambda axis: -axis.effort)
-    futures = [pool.submit(make_history, axis, present, seed, folder / axis.name) for axis in ordered]
+    groups = sorted(_groups(axes), key=lambda group: -sum(axis.effort for axis in group))
+    futures = [pool.submit(make_histories, group, present, seed, folder) for group in groups]
     for future in as_completed(futures):
-        yield future.result()
+        yield from future.result()
+
+
+def _groups(axes: Sequence[PlantAxis]) -> list[list[PlantAxis]]:
+    """Axes that imitate another, each after it; alone, an axis imitates itself."""
+    groups = {axis.name: [axis] for axis in axes if axis.like is None}
+    for axis in axes:
+        if axis.like in groups:
+            groups[axis.like].append(axis)
+        elif axis.like is not None:
+            groups[axis.name] = [replace(axis, like=None)]
+    return list(groups.values())
 
 
 @contextmanager
