@@ -8,7 +8,6 @@ run states for causes that do not repeat.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -37,29 +36,6 @@ _CALIBRATION_RUNS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class AxisHistory:
-    """Tests of an axis.
-
-    Parameters
-    ----------
-    axis : PlantAxis
-        The axis.
-    runs : dict of int to Run
-        Analysed and imitated runs, by their weeks.
-    recordings : dict of int to Path
-        RUN.toml of the recorded tests, by their weeks; those of the runs that are missing in ``runs`` are not
-        analysed yet.
-    model : CalibratedAxis or None
-        Model of the axis.
-    """
-
-    axis: PlantAxis
-    runs: dict[int, Run]
-    recordings: dict[int, Path]
-    model: CalibratedAxis | None
-
-
-@dataclass(frozen=True, slots=True)
 class TrueState:
     """What a test depends on, as it truly is.
 
@@ -82,53 +58,70 @@ class TrueState:
 Template = tuple[Run, TrueState]
 
 
-def make_histories(
-    axes: Sequence[PlantAxis], present: datetime, seed: int, folder: Path
-) -> list[AxisHistory]:
-    """Simulate the recordings of axes of a type, analyse some of them, and imitate the other tests.
+@dataclass(frozen=True, slots=True)
+class AxisHistory:
+    """Tests of an axis.
 
     Parameters
     ----------
-    axes : sequence of PlantAxis
-        The first has its own analysed runs; others may imitate its first one.
+    axis : PlantAxis
+        The axis.
+    runs : dict of int to Run
+        Analysed and imitated runs, by their weeks.
+    recordings : dict of int to Path
+        RUN.toml of the recorded tests, by their weeks; those of the runs that are missing in ``runs`` are not
+        analysed yet.
+    model : CalibratedAxis or None
+        Model of the axis.
+    template : tuple of (Run, TrueState) or None
+        Its first analysed run, which other axes may imitate.
+    """
+
+    axis: PlantAxis
+    runs: dict[int, Run]
+    recordings: dict[int, Path]
+    model: CalibratedAxis | None
+    template: Template | None
+
+
+def make_history(
+    axis: PlantAxis, present: datetime, seed: int, folder: Path, template: Template | None = None
+) -> AxisHistory:
+    """Simulate the recordings of an axis, analyse some of them, and imitate the other tests.
+
+    Parameters
+    ----------
+    axis : PlantAxis
+        The axis.
     present : datetime
-        Present time, at which the histories end.
+        Present time, at which the history ends.
     seed : int
         Of the plant.
     folder : Path
         Folder for the recordings.
+    template : tuple of (Run, TrueState), optional
+        Run that the first tests imitate, by default that of the first one of the axis.
 
     Returns
     -------
-    list of AxisHistory
-        Runs, recordings and model of each.
+    AxisHistory
+        Runs, recordings and model.
     """
-    template: Template | None = None
-    histories = []
-    for axis in axes:
-        history = _make_history(axis, present, seed, folder / axis.name, template)
-        histories.append(history)
-        if template is None and axis.templates:
-            template = history.runs[axis.first], _true_state(axis, axis.first, seed)
-    return histories
-
-
-def _make_history(
-    axis: PlantAxis, present: datetime, seed: int, folder: Path, template: Template | None
-) -> AxisHistory:
     recordings: dict[int, Path] = {}
     for week in sorted({*axis.recorded, *axis.templates}):
         recordings[week] = _record(axis, week, present, seed, folder / f"week-{week}")
     runs: dict[int, Run] = {}
+    first = None
     for week in axis.weeks:
         if week in axis.templates:
             runs[week] = replace(analyze(recordings[week]), frequency_response=None)
             template = runs[week], _true_state(axis, week, seed)
+            first = first or template
         elif axis.calibrated and template is not None and week not in recordings:
             run, then = template
             imitated = imitate_run(run, then, _true_state(axis, week, seed), random_of(axis, seed, week, 2))
             runs[week] = _dated(imitated, axis, week, present, seed)
-    return AxisHistory(axis, runs, recordings, _model(axis, runs))
+    return AxisHistory(axis, runs, recordings, _model(axis, runs), first)
 
 
 def _record(axis: PlantAxis, week: int, present: datetime, seed: int, folder: Path) -> Path:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 
 from sqlalchemy import select
 
@@ -24,7 +26,7 @@ from ballscrew.fcft.planfile import plan_toml
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
 from ballscrew.reproduction.plant import CHANNELS, PLANT, SITE, PlantAxis
-from ballscrew.reproduction.plant_runs import AxisHistory, make_histories
+from ballscrew.reproduction.plant_runs import AxisHistory, Template, make_history
 from ballscrew.service.access import Caller
 from ballscrew.service.alarms import Action, act, watch_for_silence
 from ballscrew.service.axes import AxisSetup, NewEvent, Schedule, add_axis_events, add_axis_model, set_up_axis
@@ -177,37 +179,48 @@ def _make_histories(
     pool: ProcessPoolExecutor, axes: Sequence[PlantAxis], present: datetime, seed: int, folder: Path
 ) -> Iterator[AxisHistory]:
     """Histories of the axes, as they come."""
-    # Those with the most analyses first, so that both processes end together.
-    groups = sorted(_groups(axes), key=lambda group: -sum(axis.effort for axis in group))
-    futures = [pool.submit(make_histories, group, present, seed, folder) for group in groups]
-    for future in as_completed(futures):
-        yield from future.result()
-
-
-def _groups(axes: Sequence[PlantAxis]) -> list[list[PlantAxis]]:
-    """Axes that imitate another, each after it; alone, an axis imitates itself."""
-    groups = {axis.name: [axis] for axis in axes if axis.like is None}
+    alike: dict[str, list[PlantAxis]] = {axis.name: [] for axis in axes}
+    own = []
     for axis in axes:
-        if axis.like in groups:
-            groups[axis.like].append(axis)
-        elif axis.like is not None:
-            groups[axis.name] = [replace(axis, like=None)]
-    return list(groups.values())
+        if axis.like in alike:
+            alike[axis.like].append(axis)
+        else:
+            own.append(replace(axis, like=None))
+    finished: SimpleQueue[Future[AxisHistory]] = SimpleQueue()
+
+    def submit(axis: PlantAxis, template: Template | None) -> None:
+        future = pool.submit(make_history, axis, present, seed, folder / axis.name, template)
+        future.add_done_callback(partial(complete, axis))
+
+    def complete(axis: PlantAxis, future: Future[AxisHistory]) -> None:
+        with suppress(CancelledError, RuntimeError):  # after an interrupt
+            if future.exception() is None:
+                for other in alike[axis.name]:
+                    submit(other, future.result().template)
+        finished.put(future)
+
+    # Those first that others wait for, and those with the most analyses, so that both processes end together.
+    for axis in sorted(own, key=lambda axis: (-len(alike[axis.name]), -axis.effort)):
+        submit(axis, None)
+    for _ in axes:
+        yield finished.get().result()
 
 
 @contextmanager
 def _pool() -> Iterator[ProcessPoolExecutor]:
     """Processes; after an interrupt, what they have not begun is not done."""
-    pool = ProcessPoolExecutor(_PROCESSES, multiprocessing.get_context("spawn"), _ignore_interrupts)
+    pool = ProcessPoolExecutor(_PROCESSES, multiprocessing.get_context("spawn"), _begin_process)
     try:
         yield pool
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _ignore_interrupts() -> None:
-    """Ctrl-C reaches all processes; the first one stops these."""
+def _begin_process() -> None:
+    """Leave Ctrl-C to the first process, which stops these, and time too: it has the longest way."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "nice"):
+        os.nice(5)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.files import open_regular, sync_folder
 
 _BLOCK = 1 << 20
-_LEAST_GAIN = 0.9  # compressed over plain size of the first block, from which on a file is stored as it is
+_SAMPLE = 1 << 16  # bytes of a file that are compressed to see whether it pays
+_LEAST_GAIN = 0.9  # compressed over plain size of the sample, from which on a file is stored as it is
 _LEVEL = 3  # of zstd: 300 MB/s
 INCOMING = ".incoming-"
 """Beginning of the names of files that are being written."""
@@ -114,7 +115,8 @@ def _copy(stream: BinaryIO, target: BinaryIO) -> tuple[str, int, str]:
     compressor = zstandard.ZstdCompressor(level=_LEVEL, write_checksum=True)
     compression = "none"
     writer = None
-    if len(compressor.compress(block)) < _LEAST_GAIN * len(block):
+    sample = block[:_SAMPLE]
+    if len(compressor.compress(sample)) < _LEAST_GAIN * len(sample):
         compression = "zstd"
         writer = compressor.stream_writer(target, closefd=False)
     while block:
