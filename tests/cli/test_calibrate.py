@@ -38,7 +38,7 @@ def test_the_model_does_not_depend_on_the_order_of_sets(tmp_path: Path) -> None:
         paths.append(tmp_path / f"run{number}.json")
         paths[-1].write_text(write_json(run.to_json()), encoding="utf-8")
     found = set()
-    for seed in "1234":
+    for seed in "12":
         out = tmp_path / f"model{seed}.json"
         command = ["-m", "ballscrew", "calibrate", *paths, "--axis", tmp_path / "axis.toml", "--out", out]
         environment = {**os.environ, "PYTHONHASHSEED": seed}

@@ -75,6 +75,8 @@ def test_the_audit_names_the_values_of_the_calendar_that_changed(client: TestCli
         ({"working_days": ["Montag"]}, "working_days.0: "),
         ({"holidays": ["Christmas"]}, "holidays.0: "),
         ({"holidays": [1798070400]}, "must be a date such as 2026-12-24"),
+        ({"holidays": ["1798070400"]}, "must be a date such as 2026-12-24"),
+        ({"holidays": ["2026-12-24T00:00:00Z"]}, "must be a date such as 2026-12-24"),
         ({"holidays": ["2026-12-25"] * 1001}, "at most 1000 items"),
         ({"working_day": ["Mon"]}, "working_day: "),
         (
@@ -86,7 +88,7 @@ def test_the_audit_names_the_values_of_the_calendar_that_changed(client: TestCli
                 "working_days": ["Mon"],
                 "holidays": [str(date(2027, 1, 4) + timedelta(weeks=week)) for week in range(52)],
             },
-            "schedule: holidays: from 2027-01-04 on, a year has no working day.",
+            "schedule: holidays: there is no working day for a year from 2027-01-04 on.",
         ),
     ],
 )

@@ -106,7 +106,7 @@ def test_days_are_read_from_the_file_and_printed(tmp_path: Path, capsys: pytest.
     printed = json.loads(capsys.readouterr().out)["settings"]
     assert printed["holidays"]["value"] == ["2026-12-25"]
     (problem,) = ServerSettings(working_days=("Mon",), holidays=_MONDAYS).problems()
-    assert problem == "holidays: from 2027-01-04 on, a year has no working day."
+    assert problem == "holidays: there is no working day for a year from 2027-01-04 on."
     for zone in ("Mars/Base", "", "../x", "\x00", "/etc/passwd"):
         (problem,) = ServerSettings(time_zone=zone).problems()
         assert problem.startswith("time_zone: ")

@@ -207,13 +207,13 @@ def test_holidays_of_any_year_are_possible() -> None:
 
 def test_a_year_without_a_working_day_is_a_problem() -> None:
     days = [str(date(2027, 1, 1) + timedelta(days=number)) for number in range(365)]
-    sentence = "holidays: from 2027-01-01 on, a year has no working day."
+    sentence = "holidays: there is no working day for a year from 2027-01-01 on."
     assert calendar(holidays=tuple(days)).problem() == sentence
     assert calendar(holidays=tuple(days[:-1])).problem() is None
     assert calendar(holidays=(*days[:103], *days[104:])).problem() is None
     from_summer = [str(date(2027, 7, 1) + timedelta(days=number)) for number in range(366)]
     found = calendar(holidays=tuple(from_summer)).problem()
-    assert found == "holidays: from 2027-07-01 on, a year has no working day."
+    assert found == "holidays: there is no working day for a year from 2027-07-01 on."
     last = [str(date(9999, 1, 1) + timedelta(days=number)) for number in range(365)]
     assert calendar(holidays=tuple(last)).problem() is not None
     of_leap_year = [str(date(2028, 1, 1) + timedelta(days=number)) for number in range(366)]

@@ -30,7 +30,7 @@ SITE = "simulated plant"
 CHANNELS = channels_toml(example_rig())
 """Channel map of every axis."""
 
-_RATE = 6400.0  # Hz, of the recordings
+_RATE = 5000.0  # Hz, of the recordings
 _SPREAD = 0.03  # of rigidity, bearing and preload from axis to axis, relative to the data sheet
 _MEAN = 22.0  # °C
 _REGULATED = 0.5  # K, of a hall with regulated temperature
@@ -88,8 +88,8 @@ class PlantAxis:
     recorded : tuple of int
         Weeks whose recordings are stored, besides those of :meth:`templates`.
     like : str, optional
-        Axis of the same type, tested from the same week on, whose first analysed run is imitated; by default
-        the axis itself.
+        Axis of the same type, with analysed runs of its own, whose first one is imitated; by default the axis
+        itself. Alone in a plant an axis imitates itself.
     calibrated : bool
         Whether there is a model of the axis.
     raised : int, optional
@@ -247,8 +247,8 @@ PLANT = (
     PlantAxis("mill 4 X", "mill 4", "hall 1", _MILL, 20.0, worn=(96.0, 45.0)),
     PlantAxis("mill 4 Y", "mill 4", "hall 1", _MILL, 19.0, recorded=_RECORDED, like="mill 4 X"),
     PlantAxis(
-        "mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(101.0, 370.0), recorded=(26, 52, 78),
-        like="mill 4 X", draw=2,
+        "mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(101.0, 360.0), recorded=(26, 52, 78),
+        like="mill 4 X", draw=1,
     ),
     PlantAxis(
         "mill 7 X", "mill 7", "hall 1", _MILL, 44.0, worn=(40.0, 30.0), replaced=46, raised=42,

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import signal
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -193,11 +194,16 @@ def _make_histories(
         future.add_done_callback(partial(complete, axis))
 
     def complete(axis: PlantAxis, future: Future[AxisHistory]) -> None:
-        with suppress(CancelledError, RuntimeError):  # after an interrupt
-            if future.exception() is None:
-                for other in alike[axis.name]:
-                    submit(other, future.result().template)
         finished.put(future)
+        if future.cancelled() or future.exception() is not None:
+            return
+        for other in alike[axis.name]:
+            try:
+                submit(other, future.result().template)
+            except Exception as error:  # noqa: BLE001  the main process waits for a result of each axis
+                failed: Future[AxisHistory] = Future()
+                failed.set_exception(error)
+                finished.put(failed)
 
     # Those first that others wait for, and those with the most analyses, so that both processes end together.
     for axis in sorted(own, key=lambda axis: (-len(alike[axis.name]), -axis.effort)):
@@ -217,7 +223,7 @@ def _pool() -> Iterator[ProcessPoolExecutor]:
 
 
 def _begin_process() -> None:
-    """Leave Ctrl-C to the first process, which stops these, and time too: it has the longest way."""
+    """Ignore Ctrl-C, which the main process handles, and lower the priority: the main one has most to do."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(5)
@@ -294,7 +300,7 @@ class _Plant:
             act(found[0]["id"], action, _CALLER, self.service)
 
     def _send(self, axis: PlantAxis, week: int, path: Path, run: Run | None = None) -> None:
-        """Send the recordings of a test, and store the result of their analysis, if there is one."""
+        """Send the recordings of a test, store the result of their analysis if there is one; remove them."""
         text = path.read_text(encoding="utf-8")
         recordings = sorted(path.parent.glob("trip*.h5"))
         readers = len(recordings) * [reader_of(recordings[0])]  # of one format
@@ -310,6 +316,7 @@ class _Plant:
                 newest = select(Upload.content).order_by(Upload.id.desc()).limit(1)
                 content = str(session.scalar(newest))
             finish(self.service, self._lease(ANALYSE, content), "done", (run.to_json(), readers))
+        shutil.rmtree(path.parent, ignore_errors=True)  # else all are removed in the end
 
     def send_others(self, histories: Sequence[AxisHistory]) -> None:
         """Send the recordings that are not analysed, the oldest first."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import os
+import re
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
@@ -40,9 +41,12 @@ def _checked_shifts(texts: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _checked_day(value: object) -> object:
-    if isinstance(value, (int, float)):  # which pydantic reads as seconds since 1970
-        raise ValueError("must be a date such as 2026-12-24")
-    return value
+    if isinstance(value, date):
+        return value
+    if isinstance(value, str) and re.fullmatch(r"\d{4}-\d\d-\d\d", value, re.ASCII):
+        with suppress(ValueError):  # pydantic would read a number as seconds since 1970
+            return date.fromisoformat(value)
+    raise ValueError("must be a date such as 2026-12-24")
 
 
 Day = Annotated[date, BeforeValidator(_checked_day)]

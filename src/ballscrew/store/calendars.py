@@ -90,13 +90,13 @@ class RunCalendar:
 
     def problem(self) -> str | None:
         """Sentence about a year without a working day, whenever it begins; None where there is none."""
-        first = before = 0  # ordinals of days, which have no end
+        first = before = 0  # ordinals, which unlike dates may lie before year 1 and after 9999
         for day in sorted(day.toordinal() for day in self.holidays if day.weekday() in self.weekdays):
             if before == 0 or day != self._next(before):
                 first = day
             before = day
             if self._next(day) - self._next(first, -1) > _YEAR_D:
-                return f"holidays: from {date.fromordinal(first)} on, a year has no working day."
+                return f"holidays: there is no working day for a year from {date.fromordinal(first)} on."
         return None
 
     def _next(self, day: int, step: int = 1) -> int:

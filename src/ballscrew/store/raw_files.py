@@ -115,7 +115,8 @@ def _copy(stream: BinaryIO, target: BinaryIO) -> tuple[str, int, str]:
     compressor = zstandard.ZstdCompressor(level=_LEVEL, write_checksum=True)
     compression = "none"
     writer = None
-    sample = block[:_SAMPLE]
+    middle = len(block) // 2  # a recording begins with a header and a standstill
+    sample = block[middle : middle + _SAMPLE]
     if len(compressor.compress(sample)) < _LEAST_GAIN * len(sample):
         compression = "zstd"
         writer = compressor.stream_writer(target, closefd=False)

@@ -98,9 +98,7 @@ def test_the_ratio_of_a_single_run_is_bounded(sample: Callable[..., np.ndarray])
         np.testing.assert_allclose(summed, expected, rtol=1e-5)
 
 
-def test_an_onset_begins_without_evidence_and_with_the_coefficients_of_no_wear(
-    sample: Callable[..., np.ndarray],
-) -> None:
+def test_numbers_that_all_rates_share_are_broadcast(sample: Callable[..., np.ndarray]) -> None:
     mean, gain, error = sample(2, 1, 20), sample(2), sample(3, 20)
     repeated = np.repeat(mean, 3, axis=1)
     found = np.empty((2, 2, 3, 20), F)

@@ -250,8 +250,8 @@ def accumulate_ratio(
     repeated : bool
         True if the visit has a repeat.
     caps : ndarray of float32, shape (3,)
-        Reciprocals of the largest ratio of a run that counts and of the same factor of its repeat; the
-        largest ratio in all.
+        1 over the largest ratio of a single run that counts, 1 over that of its repeat, and the largest ratio
+        in all.
     weight : float32
         Weight of this onset.
     ratio, largest : ndarray of float32, shape (r, m) or (1, m)
@@ -305,8 +305,8 @@ def update_histories(
         Before, and after the visit (filled): coefficients without wear, (s, p, 1, m), and with it,
         (s, o, p, r, m); ratio and largest factor of a run, (s, o, r, m).
     new : int
-        Onsets that begin with the visit, of which ``before`` has no numbers: those of the earlier ones follow
-        them.
+        Number of onsets, 0 or 1, that begin at the visit. They come first in ``after``; ``before`` has none
+        of their rows: its row i is of onset i + ``new``, and rows beyond the o onsets are ignored.
     density : ndarray of float32, shape (s, m)
         Of the visit without wear; filled.
     summed : ndarray, shape (s, m)
@@ -324,15 +324,15 @@ def update_histories(
     for g in range(density.shape[0]):
         for o in range(-1, wear.shape[0]):
             # One call for both: code that is inlined twice takes twice as long to compile.
+            mean, so_far, peak = healthy[g], no_evidence, no_evidence
             if o < 0:
                 loss, error, second, found = none[0], errors[0, :1], errors[1, :1], density[g : g + 1]
                 change, bound, single, pair = gain[g], most[g], mixture[g], both[g]
-                mean, so_far, peak, updated = healthy[g], no_evidence, no_evidence, healthy_after[g]
+                updated = healthy_after[g]
             else:
                 loss, error, second, found = wear[o], errors[0], errors[1], worn_density
                 change, bound = worn_gain[g, o], worn_most[g, o]
                 single, pair = worn_mixture[g, o], worn_both[g, o]
-                mean, so_far, peak = healthy[g], no_evidence, no_evidence
                 if o >= new:
                     mean, so_far, peak = worn[g, o - new], ratio[g, o - new], largest[g, o - new]
                 updated = worn_after[g, o]

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +84,7 @@ class OddsState:
 
     def part(self, which: NDArray[np.int_]) -> OddsState:
         """Select histories."""
-        columns = {}
+        columns: dict[str, Any] = {}
         for name in _BY_HISTORY:
             whole = getattr(self, name)
             columns[name] = np.empty((*whole.shape[:-1], len(which)), whole.dtype)
@@ -216,8 +216,8 @@ def prepare_odds(design: Design, k: int, state: OddsState, *, begun: bool) -> Od
     Returns
     -------
     OddsState
-        Just before the visit. Of the new onset it has the covariance alone: its other numbers are those
-        without wear.
+        Just before the visit. ``onsets``, ``gaps`` and ``worn_covariance`` have the new onset first;
+        ``worn``, ``ratio`` and ``largest`` do not have it yet.
     """
     if state.layout != design.layout:
         state = _with_new_columns(state, design)
@@ -350,7 +350,7 @@ def _update(
     worn_update, worn_covariance = _update_of(
         design, x, noise[:, None], before.worn_covariance, repeated=repeated
     )
-    columns = {"healthy": np.empty_like(before.healthy)}
+    columns: dict[str, Any] = {"healthy": np.empty_like(before.healthy)}
     for name in _OF_ONSETS:
         scales, _, *others = getattr(before, name).shape
         columns[name] = np.empty((scales, len(before.onsets), *others), np.float32)
