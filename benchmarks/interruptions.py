@@ -31,6 +31,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from scipy.signal import bilinear, lfilter
+
 import ballscrew
 from ballscrew.axis.sheet_file import axis_toml
 from ballscrew.base.jsonfile import write_json
@@ -58,7 +61,7 @@ class Command:
     def name(self) -> str:
         """First word, and the option that makes it another command."""
         command = self.line.split()[0]
-        marks = [word for word in ("--optimize", "--plot", "--spectra") if word in self.line]
+        marks = [word for word in ("--optimize", "--plot", "--spectra", "--export") if word in self.line]
         return " ".join([command, *marks])
 
 
@@ -75,6 +78,14 @@ COMMANDS = (
     Command(f"{_PLAN} --optimize --out best.toml", ("best.toml",)),
     Command("analyze day-0/run.toml --plot run.png", ("run.png",)),
     Command("analyze day-0/run.toml --spectra run.h5", ("run.h5",)),
+    Command("analyze day-0/run.toml --export run.csv", ("run.csv",)),
+    Command(
+        "frf noise.csv --input torque --output speed --quantities torque speed --position 200mm "
+        "--plot frf.png --export frf.csv",
+        ("frf.png", "frf.csv"),
+    ),
+    Command("report --data ../../store --out fleet.html", ("fleet.html",)),
+    Command("report --data ../../store --out fleet.pdf", ("fleet.pdf",)),
     Command("preload day-2/run.json --model model.json --baseline day-0/run.json --plot p.pdf", ("p.pdf",)),
     Command(
         "monitor day-0/run.json day-1/run.json day-2/run.json --model model.json --plot m.png", ("m.png",)
@@ -124,6 +135,19 @@ def prepare(folder: Path) -> None:
         assert run_in(folder, line) == 0, line
     (folder / "axis.toml").unlink()
     (folder / "plan.toml").unlink()
+    _write_noise(folder / "noise.csv")
+    for line in ("store init ../../store", "store add day-0/run.json model.json --store ../../store"):
+        assert run_in(folder, line) == 0, line
+
+
+def _write_noise(path: Path) -> None:
+    """Torque and speed of an axis with a mode that is excited by noise."""
+    rate, count = 2000.0, 40_000
+    torque = np.random.default_rng(0).standard_normal(count)
+    numerator, denominator = bilinear([900.0], [1.0, 30.0, (2 * np.pi * 150) ** 2], rate)
+    speed = np.cumsum(torque) / rate + np.gradient(lfilter(numerator, denominator, torque), 1 / rate)
+    table = np.column_stack([np.arange(count) / rate, torque, speed])
+    np.savetxt(path, table, fmt="%.9g", delimiter=",", header="time,torque,speed", comments="")
 
 
 def run_in(folder: Path, line: str) -> int:

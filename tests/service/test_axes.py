@@ -74,9 +74,9 @@ def test_the_audit_names_the_values_of_the_calendar_that_changed(client: TestCli
         ({"working_days": []}, "working_days: "),
         ({"working_days": ["Montag"]}, "working_days.0: "),
         ({"holidays": ["Christmas"]}, "holidays.0: "),
-        ({"holidays": [1798070400]}, "must be a date such as 2026-12-24"),
-        ({"holidays": ["1798070400"]}, "must be a date such as 2026-12-24"),
-        ({"holidays": ["2026-12-24T00:00:00Z"]}, "must be a date such as 2026-12-24"),
+        ({"holidays": [1798070400]}, "must be a date such as 2026-12-25"),
+        ({"holidays": ["1798070400"]}, "must be a date such as 2026-12-25"),
+        ({"holidays": ["2026-12-24T00:00:00Z"]}, "must be a date such as 2026-12-25"),
         ({"holidays": ["2026-12-25"] * 1001}, "at most 1000 items"),
         ({"working_day": ["Mon"]}, "working_day: "),
         (

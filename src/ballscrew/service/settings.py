@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, SecretStr, ValidationError
+from pydantic_core import PydanticCustomError
 from pydantic_settings import BaseSettings, SettingsConfigDict, SettingsError
 
 from ballscrew.base.errors import InputError, shown
@@ -46,11 +47,11 @@ def _checked_day(value: object) -> object:
     if isinstance(value, str) and re.fullmatch(r"\d{4}-\d\d-\d\d", value, re.ASCII):
         with suppress(ValueError):  # pydantic would read a number as seconds since 1970
             return date.fromisoformat(value)
-    raise ValueError("must be a date such as 2026-12-24")
+    raise PydanticCustomError("date_parsing", "must be a date such as 2026-12-25")
 
 
 Day = Annotated[date, BeforeValidator(_checked_day)]
-"""A date, or a text such as 2026-12-24."""
+"""A date, or a text such as 2026-12-25."""
 
 Shifts = Annotated[tuple[str, ...], Field(max_length=24), AfterValidator(_checked_shifts)]
 """Shifts such as 06:00-14:00."""

@@ -29,7 +29,7 @@ _SENTENCES = {
     "greater_than": "{field} must be greater than {gt:g}.",
     "greater_than_equal": "{field} must be {ge:g} or greater.",
     "less_than_equal": "{field} must be {le:g} or less.",
-    "date_from_datetime_parsing": "{field} must be dates such as 2026-12-25.",
+    "date_parsing": "{field} must be dates such as 2026-12-25.",
     "value_error": "{field}: {error}.",
 }
 
