@@ -262,7 +262,7 @@ def _frequency_ratio_change(run: Run, baseline: Run, model: AxialModel) -> tuple
     declared = math.log((fixed + run.mass_kg) / (fixed + baseline.mass_kg))
     now, then = _frequency_ratios(run), _frequency_ratios(baseline)
     changes, spreads = [], []
-    for cell in sorted(now.keys() & then.keys()):
+    for cell in now.keys() & then.keys():
         changes.append(now[cell][0] - then[cell][0] - declared)
         spreads.append(math.hypot(now[cell][1], then[cell][1]))
     if not changes:

@@ -14,7 +14,6 @@ from ballscrew.monitoring.detection.kernels import (
     innovation,
     mean_or_lower,
     put_histories,
-    take_histories,
     update_coefficients,
 )
 from ballscrew.monitoring.detection.settings import MonitorSettings
@@ -114,12 +113,9 @@ def test_numbers_that_all_rates_share_are_broadcast(sample: Callable[..., np.nda
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_histories_are_taken_and_put_back(dtype: type) -> None:
+def test_histories_are_overwritten(dtype: type) -> None:
     whole = np.random.default_rng(2).standard_normal((6, 20)).astype(dtype)
-    which, part = np.array([1, 4, 19]), np.empty((6, 3), dtype)
-    take_histories(whole, which, part)
-    np.testing.assert_array_equal(part, whole[:, which])
-    changed = whole.copy()
-    put_histories(2 * part, which, changed)
+    which, changed = np.array([1, 4, 19]), whole.copy()
+    put_histories(2 * whole[:, which], which, changed)
     whole[:, which] *= 2
     np.testing.assert_array_equal(changed, whole)

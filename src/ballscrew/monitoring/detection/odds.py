@@ -25,7 +25,6 @@ from ballscrew.monitoring.detection.kernels import (
     pair_mixture,
     put_histories,
     run_mixture,
-    take_histories,
     update_histories,
 )
 
@@ -86,9 +85,7 @@ class OddsState:
         """Select histories."""
         columns: dict[str, Any] = {}
         for name in _BY_HISTORY:
-            whole = getattr(self, name)
-            columns[name] = np.empty((*whole.shape[:-1], len(which)), whole.dtype)
-            take_histories(_by_history(whole), which, _by_history(columns[name]))
+            columns[name] = np.take(getattr(self, name), which, axis=-1)
         return replace(self, **columns)
 
     def put(self, which: NDArray[np.int_], part: OddsState) -> None:
