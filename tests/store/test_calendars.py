@@ -210,6 +210,9 @@ def test_a_year_without_a_working_day_is_a_problem() -> None:
     sentence = "holidays: there is no working day for a year from 2027-01-01 on."
     assert calendar(holidays=tuple(days)).problem() == sentence
     assert calendar(holidays=tuple(days[:-1])).problem() is None
+    always = tuple(range(7))
+    assert calendar(weekdays=always, holidays=tuple(days)).problem() == sentence
+    assert calendar(weekdays=always, holidays=tuple(days[1:])).problem() is None
     assert calendar(holidays=(*days[:103], *days[104:])).problem() is None
     from_summer = [str(date(2027, 7, 1) + timedelta(days=number)) for number in range(366)]
     found = calendar(holidays=tuple(from_summer)).problem()
