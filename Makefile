@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 # Bytecode is stored: tests start many processes, each of which would compile the package again.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: help demo test test-all lint types contract docs check bench bench-full lock clean
+.PHONY: help demo test collect test-all lint types contract docs check bench bench-full lock clean
 
 help:
 	@echo "make demo      install, wear out a simulated axis and test it again and again: a report with pictures"
@@ -36,6 +36,10 @@ demo: $(STAMP)
 
 test: $(STAMP)
 	$(BIN)/python -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+
+# pytest stores the modules that it has rewritten: the processes of the tests load them.
+collect: $(STAMP)
+	$(BIN)/python -m pytest -m "not slow" --collect-only -qq
 
 test-all: $(STAMP)
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder

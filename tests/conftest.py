@@ -6,11 +6,13 @@ import gc
 import hashlib
 import os
 import pickle
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 # As the command line has it, and before numpy is loaded: a second thread on matrices this small takes eight
 # times the processor time.
@@ -20,11 +22,13 @@ os.environ.setdefault("BALLSCREW_IN_PROCESS", "1")  # readers/test_process.py te
 import numpy as np
 import pytest
 from hypothesis import settings
+from numba.core.dispatcher import Dispatcher
 from tests.simulated_bench import simulate_bench
 
 import ballscrew
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.files import replacing
+from ballscrew.base.locks import try_lock, unlock
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.signals import TripSignals
@@ -139,6 +143,30 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if "PYTEST_XDIST_WORKER" in os.environ:
         folder = folder.parent
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_once(shared_folder: Path) -> Iterator[None]:
+    """Let one process of a test session compile at a time: the others load what it has stored."""
+    compile_function, nested = Dispatcher.compile, False
+
+    def compile_alone(dispatcher: Dispatcher, signature: Any) -> Any:
+        nonlocal nested
+        if nested:
+            return compile_function(dispatcher, signature)
+        with (shared_folder / "compiling").open("w") as stream:
+            while not try_lock(stream):
+                time.sleep(0.02)
+            nested = True
+            try:
+                return compile_function(dispatcher, signature)
+            finally:
+                nested = False
+                unlock(stream)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Dispatcher, "compile", compile_alone)
+        yield
 
 
 @pytest.fixture(scope="session")
