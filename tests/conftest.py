@@ -81,8 +81,11 @@ settings.load_profile("no deadline")
 os.fsync = os.fstat  # type: ignore[assignment]  fails for the same handles
 
 
-DEAR_ON_POSTGRESQL = ("test_checkpoints.py", "test_orders.py")
-"""Files of the store whose tests are slow ones on PostgreSQL: their time is that of the assessments."""
+DEAR_ON_POSTGRESQL = (
+    *("test_checkpoints.py", "test_copies.py", "test_damage.py", "test_explaining.py"),
+    *("test_method_changes.py", "test_orders.py"),
+)
+"""Files of the store whose tests are slow ones on PostgreSQL: most of their time is not the database's."""
 
 
 @pytest.hookimpl(tryfirst=True)

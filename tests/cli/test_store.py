@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -16,20 +17,33 @@ from ballscrew.base.errors import InputError
 from ballscrew.calibration.modelfile import write_model
 from ballscrew.cli.shell import run
 
+pytestmark = pytest.mark.usefixtures("few_members")
+
+
+@pytest.fixture(scope="module")
+def made_plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the files of an axis, and a store that has them."""
+    folder = tmp_path_factory.mktemp("made")
+    for number, each in enumerate(RUNS):
+        each.write(folder / f"run{number:02d}.json")
+    write_model(MODEL, folder / "model.json")
+    lines = "".join(f'[[events]]\nat = {event.at}\nkind = "{event.kind}"\n' for event in EVENTS)
+    (folder / "events.toml").write_text(lines, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.chdir(folder)
+        patched.setenv("BALLSCREW_STORE", "plant")
+        assert run(["store", "init", "plant"]) == 0
+        assert run(["store", "add", *map(str, sorted(Path().glob("run*.json"))), "model.json"]) == 0
+        assert run(["store", "add", "events.toml", "--axis", "bench"]) == 0
+    return folder
+
 
 @pytest.fixture
-def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A store with an axis."""
+def plant(made_plant: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of that store, and of the files beside it."""
+    shutil.copytree(made_plant, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("BALLSCREW_STORE", "plant")
-    assert run(["store", "init", "plant"]) == 0
-    for number, each in enumerate(RUNS):
-        each.write(f"run{number:02d}.json")
-    write_model(MODEL, "model.json")
-    lines = "".join(f'[[events]]\nat = {event.at}\nkind = "{event.kind}"\n' for event in EVENTS)
-    Path("events.toml").write_text(lines, encoding="utf-8")
-    assert run(["store", "add", *map(str, sorted(Path().glob("run*.json"))), "model.json"]) == 0
-    assert run(["store", "add", "events.toml", "--axis", "bench"]) == 0
     return tmp_path / "plant"
 
 

@@ -18,6 +18,7 @@ import ballscrew
 PAGE = page("docs/howto/drive-signals.md")
 
 
+@pytest.mark.slow
 def test_the_example_runs(bench: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     form = FORMATS["TwinCAT Scope with speed"]
     for number in (1, 2, 3):

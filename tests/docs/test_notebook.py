@@ -20,6 +20,7 @@ def show(cell: str, space: dict[str, Any]) -> Any:
     return None if last is None else eval(compile(last, "notebook", "eval"), space)  # noqa: S307
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("fitted_once")
 def test_the_notebook_finds_the_simulated_preload() -> None:
     pyplot = pytest.importorskip("matplotlib.pyplot")

@@ -24,6 +24,7 @@ def test_the_outputs_of_the_first_part_are_correct(tmp_path: Path) -> None:
     _compare_with_the_truth(load(WALK.FOLDER / "make_recording.py"), tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("fitted_once")
 def test_the_outputs_of_the_other_parts_are_correct(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")

@@ -275,7 +275,10 @@ def test_each_of_several_motions_is_named(sheet):
     assert about("dwell", moved(dwell=0.05), sheet).startswith("the motion: ")
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.filter_too_much])
+@settings(
+    max_examples=40,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.filter_too_much],
+)
 @given(
     acceleration=st.floats(0.2, 60), rise=st.floats(3e-4, 0.03), hold=st.floats(1e-3, 0.2),
     dwell=st.floats(0, 1), room=st.floats(1.0, 20.0), load=st.floats(0, 300),
@@ -301,7 +304,7 @@ def test_every_cure_removes_what_it_is_told_against(
         assert "null" not in kinds(moved(plan, jerk_spread=filled), sheet)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(acceleration=st.floats(0.5, 20), rise=st.floats(5e-4, 0.012), dwell=st.floats(0.05, 0.4))
 def test_a_warning_appears_exactly_when_it_should(sheet, acceleration, rise, dwell):
     motion = Motion(0.045 * acceleration, acceleration, acceleration / rise, dwell)

@@ -75,6 +75,7 @@ NEW_NUT = (*EVENTS, Event(at(19.5), "nut replaced"))
 SLOW = pytest.mark.slow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "events", [pytest.param(()), pytest.param(EVENTS, marks=SLOW), pytest.param(NEW_NUT, marks=SLOW)]
 )
@@ -180,6 +181,7 @@ def test_damaged_bytes_are_refused(data: bytes | None) -> None:
             Checkpoint.from_bytes(damaged)
 
 
+@pytest.mark.slow
 def test_what_is_stored_beside_the_rows_does_not_grow() -> None:
     """The rows alone do: a chart's state has as many numbers after 200 runs as after 60."""
     sizes = []

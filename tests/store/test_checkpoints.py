@@ -88,6 +88,7 @@ def test_any_change_between_assessments_gives_the_answer_of_all_runs(new_store: 
         check(store)
 
 
+@pytest.mark.slow
 def test_few_checkpoints_are_stored_for_many_runs(new_store: NewStore) -> None:
     store = filled(new_store, 1)
     for run in RUNS[1:]:

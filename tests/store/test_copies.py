@@ -53,6 +53,7 @@ def test_a_restored_backup_gives_the_same_answers(
     assert count(restored, RunRow) == count(with_files, RunRow) + 1
 
 
+@pytest.mark.slow
 def test_a_backup_while_others_add_is_consistent(store: Store, tmp_path: Path) -> None:
     add_run(store, RUNS[0])
     done = threading.Event()

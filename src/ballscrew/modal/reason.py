@@ -17,6 +17,7 @@ ReasonKind = Literal[
     "few-repetitions",
     "frame",  # which of two modes is that of the axis
     "trips-differ",  # as if they were of different states of the axis
+    "responses-differ",  # those of motor and nut
     "ripple",  # which is fitted with the mode
     "other",  # of documents without kinds
 ]

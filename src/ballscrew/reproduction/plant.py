@@ -236,8 +236,7 @@ _RECORDED = (WEEKS // 4, WEEKS // 2, WEEKS - 1)  # of an axis whose first test i
 _STOPS = (0.0, 0.13, 0.27, 0.4)
 _MORE_STOPS = (0.0, 0.1, 0.2, 0.3, 0.4)
 _MILL = _type(_STOPS, LOAD)
-_LATHE = _type(_STOPS, 70.0, rigidity=480e6)
-_LATHE_OF_TWO = _type(_MORE_STOPS, 70.0, (1.0, 5.0), rigidity=480e6)  # separates bearing and nut
+_LATHE = _type(_MORE_STOPS, 70.0, (1.0, 5.0), rigidity=480e6)  # two accelerations: bearing or nut
 _GRINDER = _type(_STOPS, 20.0, table=60.0)
 _GANTRY = _type((0.0, 0.15, 0.3, 0.45), 40.0, table=55.0)
 _LOOSE = Instruments(pitch_frequency=300.0, pitch_damping=0.05, pitch=(0.0, 1.0))
@@ -264,10 +263,10 @@ PLANT = (
         "mill 7 Z", "mill 7", "hall 1", _MILL, 42.0, loose={97: _LOOSE, 101: _HANGING}, like="mill 4 X",
     ),
     PlantAxis(
-        "lathe 2 X", "lathe 2", "hall 2", _LATHE_OF_TWO, 68.0, bearing=(94.0, 0.03), raised=95,
+        "lathe 2 X", "lathe 2", "hall 2", _LATHE, 68.0, bearing=(94.0, 0.03), raised=95,
         story=((95.4, "acknowledge", "The bearing will be adjusted at the next service."),),
     ),
-    PlantAxis("lathe 2 Z", "lathe 2", "hall 2", _LATHE, 67.0),
+    PlantAxis("lathe 2 Z", "lathe 2", "hall 2", _LATHE, 67.0, recorded=_RECORDED, like="lathe 2 X"),
     PlantAxis("grinder 1 X", "grinder 1", "hall 2", _GRINDER, 120.0, last=101, recorded=(52, 101)),
     PlantAxis("grinder 1 Z", "grinder 1", "hall 2", _GRINDER, 92.0, recorded=_RECORDED, like="grinder 1 X"),
     PlantAxis("gantry 3 X", "gantry 3", "hall 2", _GANTRY, 6.0, first=101, recorded=(102, 103)),

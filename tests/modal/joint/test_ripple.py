@@ -198,7 +198,8 @@ def test_orders_are_averaged_as_the_trips_are(cogging: SmallRun, cogging_fit: tu
     assert turns[start:stop, 11, 0] == pytest.approx(expected - expected[0], abs=1e-9)
 
 
-@pytest.mark.parametrize("phases", [1, *(pytest.param(phases, marks=pytest.mark.slow) for phases in (2, 3))])
+@pytest.mark.slow
+@pytest.mark.parametrize("phases", [1, 2, 3])
 def test_ripple_that_stays_where_it_is_costs_little(rig: Rig, sheet: DataSheet, phases: int) -> None:
     """Three times the ripple of the example: where it is not fitted, all cells are refused."""
     strong = Disturbances(ripple=0.024, ripple_seed=phases, ball_pass=0.0)

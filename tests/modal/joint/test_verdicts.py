@@ -9,11 +9,12 @@ from typing import cast
 import numpy as np
 import pytest
 
+from ballscrew.modal.joint.fit import JointFit
 from ballscrew.modal.joint.frequencies import CellFrequencies
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.profile import Profile
 from ballscrew.modal.joint.search import SearchResult
-from ballscrew.modal.joint.verdicts import _other_nut
+from ballscrew.modal.joint.verdicts import _other_nut, _responses_differ
 
 MODE = AxialMode(1e-6, 1.0, 0.0, 0.03, 0.1, 0.5, 0.1, 300.0, 0.03)
 
@@ -40,3 +41,31 @@ def test_a_run_is_suspect_if_only_the_nut_of_the_sheet_is_unloaded(
     if reason is not None:
         assert reason.kind == "unloaded"
         assert "at most 1.3 times the preload by the run, but 3.0 times by data sheet" in reason.text
+
+
+@pytest.mark.parametrize(
+    ("difference", "deviation", "suspect"),
+    [
+        (-1.2, 0.3, True),
+        (1.2, 0.3, True),
+        (-1.2, 0.6, False),  # by chance
+        (0.7, 0.1, False),  # within the interval of the result
+    ],
+)
+def test_a_run_is_suspect_if_motor_and_nut_differ(
+    difference: float, deviation: float, suspect: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "ballscrew.modal.joint.verdicts.response_difference", lambda _: (difference, deviation)
+    )
+    frequencies = SimpleNamespace(free=np.array([149.0, 151.0]), uncertainty=np.array([0.4, 0.4]))
+    reason = _responses_differ(cast(JointFit, None), cast(CellFrequencies, frequencies))
+    assert (reason is not None) == suspect
+    if reason is not None:
+        assert reason.kind == "responses-differ"
+        assert f"differs from that by the nut's by {difference / 1.5:+.1f} ± 0.2 %" in reason.text
+
+
+def test_one_response_is_compared_with_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ballscrew.modal.joint.verdicts.response_difference", lambda _: None)
+    assert _responses_differ(cast(JointFit, None), cast(CellFrequencies, None)) is None

@@ -162,7 +162,9 @@ def test_a_known_step_does_not_alarm_and_an_unknown_one_does() -> None:
     assert "alarm" in states_of(change)
 
 
-@pytest.mark.parametrize("when", [7.5, 9.5, 12.5, 17.5, 22.5])
+@pytest.mark.parametrize(
+    "when", [9.5, 17.5, *(pytest.param(when, marks=pytest.mark.slow) for when in (7.5, 12.5, 22.5))]
+)
 def test_a_step_does_not_include_the_loss_by_wear(when: float) -> None:
     days = np.arange(30.0)
     lost = 0.005 * np.maximum(days - 4.5, 0) if when > 20 else 0.005 * np.maximum(days - 12, 0)

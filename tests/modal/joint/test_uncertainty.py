@@ -1,0 +1,50 @@
+"""Uncertainty of the final fit: the frequencies by the responses of nut and motor are compared."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.modal.joint.conftest import SmallRun
+from tests.modal.joint.test_ripple import first_fit
+
+from ballscrew.modal.joint.blocks import make_block
+from ballscrew.modal.joint.fit import JointFit, fit_blocks
+from ballscrew.modal.joint.mode import mode_frequency
+from ballscrew.modal.joint.uncertainty import response_difference
+
+
+@pytest.fixture(scope="module")
+def both(run: SmallRun) -> JointFit:
+    """Fit of both responses to the torque."""
+    found, _ = first_fit(run)
+    windows = found.blocks[0].windows
+    blocks = [make_block(name, windows) for name in ("torque-nut", "torque-motor")]
+    return fit_blocks(blocks, found.modes[:1], ("compliance", "damping", "slope"))
+
+
+def test_responses_of_one_mode_agree(both: JointFit) -> None:
+    compared = response_difference(both)
+    assert compared is not None
+    difference, deviation = compared
+    assert abs(difference) < 3 * deviation
+    assert deviation < 0.005 * both.modes[0].centre
+
+
+@pytest.mark.parametrize("change", [0.02, -0.05])
+def test_a_response_of_another_frequency_differs_by_as_much(both: JointFit, change: float) -> None:
+    """A softer mode at the motor adds its derivative to the residual there."""
+    before = response_difference(both)
+    compliance = both.parameters.index(("compliance", 0))
+    nut, motor = both.residual
+    moved = replace(both, residual=(nut, motor + change * both.jacobian[1][:, compliance]))
+    after = response_difference(moved)
+    assert before is not None
+    assert after is not None
+    frequency = float(np.mean(mode_frequency(both.modes[0], both.blocks[0].windows.stops)))
+    assert after[0] - before[0] == pytest.approx(-change / 2 * frequency, rel=0.1)
+
+
+def test_one_response_has_no_difference(both: JointFit) -> None:
+    assert response_difference(replace(both, blocks=both.blocks[:1])) is None
