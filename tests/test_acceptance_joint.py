@@ -97,7 +97,8 @@ def test_the_shift_between_the_states(
     assert median(errors) <= 0.25
 
 
-@pytest.mark.parametrize("state", [pytest.param(BENCH_STATES[0], marks=pytest.mark.slow), BENCH_STATES[1]])
+@pytest.mark.slow
+@pytest.mark.parametrize("state", BENCH_STATES)
 def test_torque_and_encoder_alone(
     bench: Path, truth: dict[str, dict[str, dict[str, float]]], state: str
 ) -> None:

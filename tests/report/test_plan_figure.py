@@ -219,32 +219,51 @@ def test_near_soft_limits_are_shown():
 SLOW = Motion(0.01, 0.5, 600.0, 0.35)
 
 
+PLANS = {
+    "two stops": (replace(PLAN, positions=(0.0, 0.4), repetitions=1), SHEET),
+    "30 loads": (replace(PLAN, masses=tuple(10.0 * i for i in range(30))), SHEET),
+    "warm-up": (replace(PLAN, masses=(0.0, 9.0), motions=(BENCH, NULL), warm_up=2, temperature=True), SHEET),
+    "triangle": (replace(PLAN, motions=(Motion(0.1, 10.0, 200.0, 0.3),)), SHEET),
+    "nut unloaded": (replace(PLAN, motions=(Motion(0.15, 60.0, 1e5, 0.35),)), SHEET),
+    "all limits broken": (PLAN, replace(SHEET, limits=Limits(0.1, 0.2, 0.01, 0.01))),
+}
+FURTHER_PLANS = {
+    "1000 stops": (
+        replace(PLAN, positions=tuple(round(0.0005 * i, 6) for i in range(1000)), motions=(SLOW,)),
+        SHEET,
+    ),
+    "9 motions": (
+        replace(PLAN, motions=tuple(replace(BENCH, jerk=400.0 + 200 * i) for i in range(9))),
+        SHEET,
+    ),
+    "no dwell": (replace(PLAN, motions=(replace(BENCH, dwell=0.0),)), SHEET),
+    "an hour's dwell": (replace(PLAN, motions=(replace(BENCH, dwell=3600.0, start_spread=60.0),)), SHEET),
+    "2000 repetitions": (
+        replace(PLAN, repetitions=2000, motions=(replace(NULL, jerk_spread=1.0, start_spread=1.0),)),
+        SHEET,
+    ),
+    "a jerk of seconds": (
+        replace(PLAN, positions=(0.0, 0.5), motions=(Motion(0.01, 1.0, 0.05, 0.3),)),
+        SHEET,
+    ),
+    "no jerk time": (replace(PLAN, motions=(replace(BENCH, jerk=1e9),)), SHEET),
+    "hardly sure": (
+        PLAN,
+        replace(SHEET, support="fixed-fixed", tolerances={"rigidity": 1.0, "stiffness": 1.0}),
+    ),
+    "sure": (PLAN, replace(SHEET, tolerances={"rigidity": 0.0, "stiffness": 0.0, "preload_ratio": 0.0})),
+    "stuck": (PLAN, replace(SHEET, guide=Guide(1e6))),
+}
+
+
 @pytest.mark.parametrize(
     ("test", "sheet"),
     [
-        (replace(PLAN, positions=(0.0, 0.4), repetitions=1), SHEET),
-        (replace(PLAN, positions=tuple(round(0.0005 * i, 6) for i in range(1000)), motions=(SLOW,)), SHEET),
-        (replace(PLAN, masses=tuple(10.0 * i for i in range(30))), SHEET),
-        (replace(PLAN, motions=tuple(replace(BENCH, jerk=400.0 + 200 * i) for i in range(9))), SHEET),
-        (replace(PLAN, masses=(0.0, 9.0), motions=(BENCH, NULL), warm_up=2, temperature=True), SHEET),
-        (replace(PLAN, motions=(replace(BENCH, dwell=0.0),)), SHEET),
-        (replace(PLAN, motions=(replace(BENCH, dwell=3600.0, start_spread=60.0),)), SHEET),
-        (replace(PLAN, repetitions=2000, motions=(replace(NULL, jerk_spread=1.0, start_spread=1.0),)), SHEET),
-        (replace(PLAN, motions=(Motion(0.1, 10.0, 200.0, 0.3),)), SHEET),
-        (replace(PLAN, positions=(0.0, 0.5), motions=(Motion(0.01, 1.0, 0.05, 0.3),)), SHEET),
-        (replace(PLAN, motions=(replace(BENCH, jerk=1e9),)), SHEET),
-        (replace(PLAN, motions=(Motion(0.15, 60.0, 1e5, 0.35),)), SHEET),
-        (PLAN, replace(SHEET, support="fixed-fixed", tolerances={"rigidity": 1.0, "stiffness": 1.0})),
-        (PLAN, replace(SHEET, tolerances={"rigidity": 0.0, "stiffness": 0.0, "preload_ratio": 0.0})),
-        (PLAN, replace(SHEET, guide=Guide(1e6))),
-        (PLAN, replace(SHEET, limits=Limits(0.1, 0.2, 0.01, 0.01))),
+        *PLANS.values(),
+        *(pytest.param(*each, marks=pytest.mark.slow) for each in FURTHER_PLANS.values()),
     ],
-    ids=[
-        "two stops", "1000 stops", "30 loads", "9 motions", "warm-up", "no dwell", "an hour's dwell",
-        "2000 repetitions", "triangle", "a jerk of seconds", "no jerk time", "nut unloaded",
-        "hardly sure", "sure", "stuck", "all limits broken",
-    ],
-)  # fmt: skip
+    ids=[*PLANS, *FURTHER_PLANS],
+)
 def test_any_plan_has_a_picture(test, sheet):
     figure = draw(test, sheet)
     figure.draw_without_rendering()
@@ -276,11 +295,12 @@ NAMES = {
 @pytest.mark.parametrize(
     ("name", "ending"),
     [
-        *((name, ".svg") for name in NAMES.values()),
+        *(pytest.param(name, ".svg", marks=pytest.mark.slow) for name in NAMES.values()),
+        ("".join(NAMES.values()), ".svg"),
         ("".join(NAMES.values()), ".pdf"),
         ("".join(NAMES.values()), ".png"),
     ],
-    ids=[*NAMES, "all as PDF", "all as PNG"],
+    ids=[*NAMES, "all as SVG", "all as PDF", "all as PNG"],
 )
 def test_any_name_has_a_picture(tmp_path, name, ending):
     path = tmp_path / f"plan{ending}"

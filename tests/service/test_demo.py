@@ -36,7 +36,7 @@ from ballscrew.testbed.machine import constants
 PRESENT = datetime(2026, 5, 1, 12, tzinfo=UTC)
 _FIRST = WEEKS - 12
 HEALTHY = replace(PLANT[1], first=_FIRST, recorded=(WEEKS - 1,), like=None)
-ABSENT = replace(PLANT[8], first=_FIRST, last=WEEKS - 3, recorded=())
+ABSENT = replace(PLANT[8], type=HEALTHY.type, first=_FIRST, last=WEEKS - 3, recorded=(), like=HEALTHY.name)
 ALIKE = replace(PLANT[0], first=_FIRST, recorded=(), like=HEALTHY.name, worn=None)
 SMALL = (HEALTHY, ABSENT, ALIKE)
 

@@ -67,7 +67,7 @@ def test_a_late_run_is_judged_from_a_checkpoint_before_it(new_store: NewStore) -
     assert check(store) == 0
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_any_change_between_assessments_gives_the_answer_of_all_runs(new_store: NewStore, seed: int) -> None:
     store, draw = filled(new_store, 2), random.Random(seed)  # noqa: S311
     missing = RUNS[2:]

@@ -137,7 +137,7 @@ def test_a_coarse_encoder_determines_no_rotor_held_frequency(run: SmallRun, shee
     assert all(c.rotor_held_frequency_Hz is None for c in result.cells)
 
 
-@pytest.mark.parametrize("faster", [0.4, 2.2])
+@pytest.mark.parametrize("faster", [0.4, pytest.param(2.2, marks=pytest.mark.slow)])
 def test_without_a_sheet_a_mode_far_from_where_the_search_starts_is_found(
     run: SmallRun, faster: float
 ) -> None:

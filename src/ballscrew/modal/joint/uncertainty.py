@@ -37,7 +37,7 @@ def _cell_covariance(found: JointFit) -> Array:
     not. It contains noise of any colour, and model errors that differ from cell to cell.
     """
     scores = np.asarray(sum(_cell_scores(found, i) for i in range(len(found.blocks))))
-    return _sandwich(scores, np.linalg.pinv(found.hessian))
+    return _sandwich(scores, np.asarray(np.linalg.pinv(found.hessian)))
 
 
 def _sandwich(scores: Array, inverse: Array) -> Array:
@@ -110,7 +110,7 @@ def response_difference(found: JointFit) -> tuple[float, float] | None:
     for block in (index, names.index("torque-motor")):
         scores = _cell_scores(found, block)
         own = found.jacobian[block].T @ found.jacobian[block]
-        inverse = np.linalg.pinv(own + _RIDGE_OF_RESPONSE * found.hessian)
+        inverse = np.asarray(np.linalg.pinv(own + _RIDGE_OF_RESPONSE * found.hessian))
         covariance = _sandwich(scores, inverse) + _spread_of_steps(found, (block,), _RIDGE_OF_RESPONSE)
         steps.append(float(gradient @ inverse @ scores.sum(axis=0)))
         variances.append(float(gradient @ covariance @ gradient))
