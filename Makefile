@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 # The lock is complete: --no-deps keeps pip from resolving an extra (coverage[toml]) past its pin.
-# Bytecode is stored: tests start many processes, each of which would compile the package again.
+# Bytecode is stored when a module is first imported, for all later processes; pip would compile all modules.
 export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: help demo test collect test-all lint types contract docs check bench bench-full lock clean
@@ -26,7 +26,7 @@ $(STAMP): requirements/dev.txt pyproject.toml
 	  echo "This Python has no venv; installing Debian's python3-venv."; \
 	  apt-get update && apt-get install -y python3-venv && $(PYTHON) -m venv --clear $(VENV); } || \
 	  { echo "No virtual environment could be made: install python3-venv, then run make again."; exit 1; }
-	$(BIN)/python -m pip install --quiet --require-hashes --no-deps -r requirements/dev.txt
+	$(BIN)/python -m pip install --quiet --no-compile --require-hashes --no-deps -r requirements/dev.txt
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $(STAMP)
 
