@@ -22,6 +22,7 @@ os.environ.setdefault("BALLSCREW_IN_PROCESS", "1")  # readers/test_process.py te
 import numpy as np
 import pytest
 from hypothesis import settings
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from tests.simulated_bench import simulate_bench
 
@@ -85,14 +86,15 @@ DEAR_ON_POSTGRESQL = (
     *("test_checkpoints.py", "test_copies.py", "test_damage.py", "test_explaining.py"),
     *("test_method_changes.py", "test_orders.py"),
 )
-"""Files of the store whose tests are slow ones on PostgreSQL: most of their time is not the database's."""
+"""Files of the store whose tests, but that of a backup, are slow ones on PostgreSQL: they test other code."""
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the long files first; the order within a file stays."""
     for item in items:
-        if item.path.name in DEAR_ON_POSTGRESQL and "[postgresql" in item.name:
+        of_backup = item.name.startswith("test_a_restored_backup")
+        if item.path.name in DEAR_ON_POSTGRESQL and "[postgresql" in item.name and not of_backup:
             item.add_marker(pytest.mark.slow)
     place = {Path(__file__).parent / name: index for index, name in enumerate(LONG_FILES)}
     items.sort(key=lambda item: place.get(item.path, len(place)))
@@ -155,17 +157,18 @@ def compiled_once(shared_folder: Path) -> Iterator[None]:
 
     def compile_alone(dispatcher: Dispatcher, signature: Any) -> Any:
         nonlocal nested
-        if nested:
-            return compile_function(dispatcher, signature)
-        with (shared_folder / "compiling").open("w") as stream:
-            while not try_lock(stream):
-                time.sleep(0.02)
-            nested = True
-            try:
+        with global_compiler_lock:  # threads wait for each other first, and for other processes then
+            if nested:
                 return compile_function(dispatcher, signature)
-            finally:
-                nested = False
-                unlock(stream)
+            with (shared_folder / "compiling").open("w") as stream:
+                while not try_lock(stream):
+                    time.sleep(0.02)
+                nested = True
+                try:
+                    return compile_function(dispatcher, signature)
+                finally:
+                    nested = False
+                    unlock(stream)
 
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(Dispatcher, "compile", compile_alone)

@@ -97,8 +97,7 @@ def test_the_shift_between_the_states(
     assert median(errors) <= 0.25
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("state", BENCH_STATES)
+@pytest.mark.parametrize("state", [pytest.param(BENCH_STATES[0], marks=pytest.mark.slow), BENCH_STATES[1]])
 def test_torque_and_encoder_alone(
     bench: Path, truth: dict[str, dict[str, dict[str, float]]], state: str
 ) -> None:

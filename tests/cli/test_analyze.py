@@ -218,7 +218,6 @@ def test_settings_are_used_and_recorded(ballscrew, rig):
     assert by_paper["cells"][0]["band_Hz"] == [100.0, 220.0]
 
 
-@pytest.mark.slow
 def test_the_band_stands_in_place_of_the_sheet(ballscrew, rig):
     outcome = ballscrew("analyze", rig / "run.toml", "--json", "--band", "250", "400").document
     joint = outcome["made"]["settings"]["joint"]

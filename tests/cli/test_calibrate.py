@@ -23,7 +23,6 @@ from ballscrew.cli.shell import run
 from ballscrew.modal.cell import SharedError
 
 
-@pytest.mark.slow
 def test_the_model_does_not_depend_on_the_order_of_sets(tmp_path: Path) -> None:
     """Strings have another hash in each process, and sets of them another order."""
     sheet = Sheets(tmp_path).read()

@@ -72,13 +72,8 @@ RUNS = made_runs()
 NEW_NUT = (*EVENTS, Event(at(19.5), "nut replaced"))
 
 
-SLOW = pytest.mark.slow
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "events", [pytest.param(()), pytest.param(EVENTS, marks=SLOW), pytest.param(NEW_NUT, marks=SLOW)]
-)
+@pytest.mark.parametrize("events", [(), EVENTS, NEW_NUT])
 def test_any_split_gives_the_same_document(events: tuple[Event, ...]) -> None:
     whole = content(judged(RUNS, events))
     for count in (1, 2, 3, 5, 11, 13, 20, 21, 22, 30, len(RUNS)):

@@ -144,6 +144,16 @@ def test_an_axis_imitates_another_of_its_type(plant: Path) -> None:
     assert analysed.made.inputs["axis"] == digest(HEALTHY.sheet.to_settings())
 
 
+def test_what_an_axis_imitates_is_of_its_type_and_analysed() -> None:
+    axes = {axis.name: axis for axis in PLANT}
+    for axis in PLANT:
+        if axis.like is not None:
+            other = axes[axis.like]
+            assert other.type is axis.type, axis.name
+            assert other.like is None, axis.name
+            assert other.first in other.templates, axis.name
+
+
 def test_each_axis_has_three_recorded_tests() -> None:
     for axis in PLANT:
         assert len({*axis.recorded, *axis.templates}) >= 3

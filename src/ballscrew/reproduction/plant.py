@@ -236,7 +236,7 @@ _RECORDED = (WEEKS // 4, WEEKS // 2, WEEKS - 1)  # of an axis whose first test i
 _STOPS = (0.0, 0.13, 0.27, 0.4)
 _MORE_STOPS = (0.0, 0.1, 0.2, 0.3, 0.4)
 _MILL = _type(_STOPS, LOAD)
-_LATHE = _type(_MORE_STOPS, 70.0, (1.0, 5.0), rigidity=480e6)  # two accelerations: bearing or nut
+_LATHE = _type(_MORE_STOPS, 70.0, (1.0, 5.0), rigidity=480e6)  # two accelerations separate bearing and nut
 _GRINDER = _type(_STOPS, 20.0, table=60.0)
 _GANTRY = _type((0.0, 0.15, 0.3, 0.45), 40.0, table=55.0)
 _LOOSE = Instruments(pitch_frequency=300.0, pitch_damping=0.05, pitch=(0.0, 1.0))

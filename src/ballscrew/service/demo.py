@@ -13,7 +13,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
-from multiprocessing.context import BaseContext
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -27,10 +26,8 @@ from ballscrew.calibration.modelfile import model_json
 from ballscrew.fcft.planfile import plan_toml
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
-from ballscrew.reproduction import plant_runs
 from ballscrew.reproduction.plant import CHANNELS, PLANT, SITE, PlantAxis
 from ballscrew.reproduction.plant_runs import AxisHistory, Template, make_history
-from ballscrew.service import working
 from ballscrew.service.access import Caller
 from ballscrew.service.alarms import Action, act, watch_for_silence
 from ballscrew.service.axes import AxisSetup, NewEvent, Schedule, add_axis_events, add_axis_model, set_up_axis
@@ -217,15 +214,8 @@ def _make_histories(
 
 @contextmanager
 def _pool() -> Iterator[ProcessPoolExecutor]:
-    """Processes; after an interrupt, what they have not begun is not done.
-
-    Where the system can, they are copies of one that has imported what they need.
-    """
-    context: BaseContext = multiprocessing.get_context("spawn")
-    if "forkserver" in multiprocessing.get_all_start_methods():
-        context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload([plant_runs.__name__, working.__name__])
-    pool = ProcessPoolExecutor(_PROCESSES, context, _begin_process)
+    """Processes; after an interrupt, what they have not begun is not done."""
+    pool = ProcessPoolExecutor(_PROCESSES, multiprocessing.get_context("spawn"), _begin_process)
     try:
         yield pool
     finally:

@@ -37,12 +37,8 @@ def _cell_covariance(found: JointFit) -> Array:
     not. It contains noise of any colour, and model errors that differ from cell to cell.
     """
     scores = np.asarray(sum(_cell_scores(found, i) for i in range(len(found.blocks))))
-    return _sandwich(scores, np.asarray(np.linalg.pinv(found.hessian)))
-
-
-def _sandwich(scores: Array, inverse: Array) -> Array:
-    """Covariance by the scatter of scores, shape (cells, parameters), and the inverse of the Hessian."""
     count, parameters = scores.shape
+    inverse = np.linalg.pinv(found.hessian)
     scatter = scores.T @ scores * (count / max(count - parameters, 1))
     return np.asarray(inverse @ scatter @ inverse)
 
@@ -60,35 +56,30 @@ def _condition_covariance(found: JointFit) -> Array:
     cells does not contain them. Each condition alone changes the parameters by one step of the fit; the
     covariance is that of the mean of these steps, and zero if there is one condition only.
     """
-    return _spread_of_steps(found, range(len(found.blocks)), _RIDGE)
-
-
-def _spread_of_steps(found: JointFit, blocks: Sequence[int], ridge: float) -> Array:
-    """Covariance of the mean of the steps that each condition causes alone, by the data of some blocks."""
     conditions = sorted({cell.condition for cell in found.blocks[0].windows.cells})
     if len(conditions) < 2:
         return np.zeros_like(found.hessian)
-    steps = [_step_of(found, blocks, ridge, condition) for condition in conditions]
+    steps = [_condition_step(found, condition) for condition in conditions]
     return np.asarray(np.cov(steps, rowvar=False) / len(steps))
 
 
-def _step_of(found: JointFit, blocks: Sequence[int], ridge: float, condition: str) -> Array:
-    """Step of the fit with the cells of one condition alone, by the data of some blocks."""
+def _condition_step(found: JointFit, condition: str) -> Array:
+    """Step of the fit with the cells of one condition alone."""
     hessian = np.zeros_like(found.hessian)
     score = np.zeros(len(hessian))
-    for index in blocks:
-        b, jacobian, residual = found.blocks[index], found.jacobian[index], found.residual[index]
+    for b, jacobian, residual in zip(found.blocks, found.jacobian, found.residual, strict=True):
         for rows, cell in zip(b.rows, b.windows.cells, strict=True):
             if cell.condition == condition:
                 hessian += jacobian[rows].T @ jacobian[rows]
                 score += jacobian[rows].T @ residual[rows]
-    return np.asarray(np.linalg.pinv(hessian + ridge * found.hessian) @ score)
+    return np.asarray(np.linalg.pinv(hessian + _RIDGE * found.hessian) @ score)
 
 
-def response_difference(found: JointFit) -> tuple[float, float] | None:
+def response_difference(found: JointFit) -> tuple[Array, Array] | None:
     """Compare the frequencies by the motor's response to the torque and by the nut's.
 
-    Each is one step from the fit of both, by the data of one response alone.
+    Each is one step from the fit of both, by the data of one response alone. Errors that both share cancel in
+    the difference, so its scatter is that of the differences of single cells, or of conditions.
 
     Parameters
     ----------
@@ -97,24 +88,42 @@ def response_difference(found: JointFit) -> tuple[float, float] | None:
 
     Returns
     -------
-    tuple of float, or None
-        Mean of the frequency by the motor's response less that by the nut's, Hz, and its standard deviation
-        by the scatter of cells and of conditions; None without both responses.
+    tuple of ndarray, shape (cells,), or None
+        Frequency by the motor's response less that by the nut's at the stop of each cell, Hz, and its
+        standard deviation; None without both responses.
     """
     names = [b.name for b in found.blocks]
     if "torque-nut" not in names or "torque-motor" not in names:
         return None
-    index = names.index("torque-nut")
-    gradient = _frequency_gradient(found, index, found.blocks[index].windows.stops).mean(axis=0)
-    steps, variances = [], []
-    for block in (index, names.index("torque-motor")):
-        scores = _cell_scores(found, block)
-        own = found.jacobian[block].T @ found.jacobian[block]
-        inverse = np.asarray(np.linalg.pinv(own + _RIDGE_OF_RESPONSE * found.hessian))
-        covariance = _sandwich(scores, inverse) + _spread_of_steps(found, (block,), _RIDGE_OF_RESPONSE)
-        steps.append(float(gradient @ inverse @ scores.sum(axis=0)))
-        variances.append(float(gradient @ covariance @ gradient))
-    return steps[1] - steps[0], math.sqrt(sum(variances))
+    windows = found.blocks[0].windows
+    gradient = _frequency_gradient(found, names.index("torque-nut"), windows.stops)
+    step, noise = _step_of_block(found, names.index("torque-motor"))
+    nut_step, nut_noise = _step_of_block(found, names.index("torque-nut"))
+    by_cell = (noise - nut_noise) @ gradient.T
+    conditions = np.array([cell.condition for cell in windows.cells])
+    by_condition = np.array([by_cell[conditions == name].sum(axis=0) for name in np.unique(conditions)])
+    variance = _variance_of_sum(by_cell)
+    if len(by_condition) > 1:
+        variance = np.maximum(variance, _variance_of_sum(by_condition))
+    return gradient @ (step - nut_step), np.sqrt(variance)
+
+
+def _step_of_block(found: JointFit, block: int) -> tuple[Array, Array]:
+    """Step of the fit by one block alone, and what the noise of each cell adds to it.
+
+    Shapes (parameters,) and (cells, parameters).
+    """
+    jacobian, residual = found.jacobian[block], found.residual[block]
+    inverse = np.linalg.pinv(jacobian.T @ jacobian + _RIDGE_OF_RESPONSE * found.hessian)
+    step = inverse @ (jacobian.T @ residual)
+    noise = residual - jacobian @ step
+    scores = np.array([jacobian[rows].T @ noise[rows] for rows in found.blocks[block].rows])
+    return step, scores @ inverse
+
+
+def _variance_of_sum(parts: Array) -> Array:
+    """Variance of the sum of two or more independent parts, the first axis, by their scatter."""
+    return np.asarray(len(parts) * np.var(parts, axis=0, ddof=1))
 
 
 def variance_inflation(found: JointFit, parameter: int) -> float:
