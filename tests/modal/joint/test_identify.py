@@ -206,3 +206,12 @@ def test_the_real_drive_at_one_kilohertz_has_no_frequency(emps: Path) -> None:
     result = identify_jointly([trip], complete_transients(label(segments, aligned, 0.0)))
     assert all(c.frequency_Hz is None for c in result.cells)
     assert all("1000 samples per second are too few" in c.reasons[0] for c in result.cells)
+
+
+def test_a_run_with_loose_sensors_is_suspect(rig: Rig, sheet: DataSheet) -> None:
+    """Both alike, at 1.14 times the axial mode: only the motor's motion shows it."""
+    loose = replace(rig.instruments, pitch_frequency=200.0, pitch_damping=0.05, pitch=(1.0, 1.0))
+    run = small_run(replace(rig, instruments=loose))
+    result = identify_jointly(run.trips, run.transients, sheet, LOAD)
+    assert {cell.verdict for cell in result.cells} == {"suspect"}
+    assert {kind for cell in result.cells for kind in cell.reason_kinds} == {"responses-differ"}
