@@ -50,10 +50,10 @@ _TONE_DAMPING = 0.015
 _MOST_RIPPLE = 1.0
 
 # Frequency at a stop by the motor's response less that by the nut's, over the standard uncertainty of the
-# result and over its own. The first is 2.6 at most on the bench, on 31 good random axes and on twelve of them
-# at 0.6 of their preload, and 2.8 on another, whose intervals miss in 18 of 40 cells. With both sensors loose,
-# their mounts at 1.2 to 1.4 times the axial mode, it is 2.7 to 4.8 in the five runs (of 22, on ten axes and the
-# bench) in which intervals would miss and be called good, and the second is 3.6 at least.
+# result and over its own. The first is 2.6 at most on the bench, on 33 good random axes and on twelve of them
+# at 0.6 of their preload, and 2.8 on another, whose intervals miss in 18 of 40 cells. With both sensors
+# loose, their mounts at 1.2 to 1.4 times the axial mode, it is 2.7 to 4.8 in the five runs (of 22, on ten
+# axes and the bench) in which intervals would miss and be called good, and the second is 3.6 at least.
 _DIFFERENCE, _CLEAR_DIFFERENCE = 2.75, 3.0
 
 _ONCE = Reason(
