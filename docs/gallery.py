@@ -185,7 +185,8 @@ def quotation(entry: Entry, run: Run) -> list[str]:
 
 
 def _sentence(what: str, verdict: str, reasons: tuple[str, ...]) -> str:
-    return f"**{what}: {verdict}**" + "".join(f"; {reason}" for reason in reasons) + "."
+    sentence = "; ".join([f"**{what}: {verdict}**", *reasons])
+    return sentence if sentence.endswith("?") else f"{sentence}."
 
 
 def estimate(entry: Entry, run: Run) -> str:
