@@ -174,13 +174,13 @@ def _inject_fault(paths: tuple[Path, ...], rate: float, change: Change) -> None:
 
 
 def quotation(entry: Entry, run: Run) -> list[str]:
-    """Verdicts and reasons of the program, a line each."""
+    """Verdicts of the program, a line each; of a cell the first two reasons."""
     cell = cell_of(run, entry.position, entry.condition)
     lines = [_sentence("Measurement", run.quality.verdict, run.quality.reasons)]
     if cell is not None:
         what = f"Cell at {1e3 * entry.position:g} mm, {entry.condition}"
         number = () if cell.frequency_Hz is None else (estimate(entry, run),)
-        lines.append(_sentence(what, cell.verdict, (*number, *cell.reasons)))
+        lines.append(_sentence(what, cell.verdict, (*number, *cell.reasons[:2])))
     return lines
 
 
