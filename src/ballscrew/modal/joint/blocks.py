@@ -78,6 +78,11 @@ class Block:
         width = self.target.shape[1]
         return [slice(start * width, stop * width) for start, stop in self.windows.spans]
 
+    def mean_square(self, residual: Array) -> float:
+        """Mean square of a residual, shape (n, ...), over the whole windows."""
+        left = int(self.windows.lengths.sum()) / len(residual)
+        return float(np.mean(residual**2)) / left
+
 
 @dataclass(frozen=True, slots=True)
 class Projection:

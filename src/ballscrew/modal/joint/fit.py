@@ -217,7 +217,7 @@ class _Problem:
     def linearised(self, state: _State) -> JointFit:
         """The fit at a state, with its Jacobian."""
         modes, solved = state.modes, state.solved
-        weights = [_weight(s) for s in solved]
+        weights = [_weight(b, s) for b, s in zip(self.blocks, solved, strict=True)]
         jacobian = _jacobian(self.blocks, modes, solved, self.parameters, state.values)
         residual = tuple((s.residual * w).ravel() for s, w in zip(solved, weights, strict=True))
         hessian = sum((j.T @ j for j in jacobian), self.prior_rows.T @ self.prior_rows)
@@ -231,7 +231,7 @@ class _Problem:
         Returns values, raw columns, damping of the next step, and the reduction of the cost; None if no step
         lowers it.
         """
-        weights = [_weight(s) for s in now.solved]
+        weights = [_weight(b, s) for b, s in zip(self.blocks, now.solved, strict=True)]
         descent = np.zeros(len(self.parameters))  # negative gradient of half the cost
         for jacobian, residual in zip(now.jacobian, now.residual, strict=True):
             descent += jacobian.T @ residual
@@ -282,9 +282,9 @@ def with_local_parameters(found: JointFit, modes: Modes, names: Sequence[str]) -
     return replace(found, modes=modes, parameters=parameters, jacobian=tuple(jacobian), hessian=hessian)
 
 
-def _weight(solved: Projection) -> float:
+def _weight(b: Block, solved: Projection) -> float:
     """Weight of a block: one over the rms of its residual."""
-    return 1 / max(math.sqrt(np.mean(solved.residual**2)), 1e-300)
+    return 1 / max(math.sqrt(b.mean_square(solved.residual)), 1e-300)
 
 
 def _jacobian(
@@ -296,4 +296,4 @@ def _jacobian(
 ) -> tuple[Array, ...]:
     """Weighted derivatives of the models."""
     derivatives = model_jacobian(blocks, modes, solved, parameters, values)
-    return tuple(d * _weight(s) for d, s in zip(derivatives, solved, strict=True))
+    return tuple(d * _weight(b, s) for b, d, s in zip(blocks, derivatives, solved, strict=True))

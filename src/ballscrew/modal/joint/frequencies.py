@@ -251,9 +251,9 @@ def _torque_zero(found: SearchResult, free: Array) -> tuple[Array, Array]:
     Modes above the band shift it, and noise of the torque resembles them. The zero is therefore estimated
     without the column for these modes, and its shift with that column is part of the uncertainty.
     """
-    solved, rate = _motor_projection(found), found.fit.blocks[0].windows.rate
+    solved, first = _motor_projection(found), found.fit.blocks[0]
     damping = found.fit.modes[0].damping
-    angle = 2 * math.pi * float(np.mean(free)) / rate
+    angle = 2 * math.pi * float(np.mean(free)) / first.windows.rate
     with_modes = _zero_over_pole(solved.weights[:5, 0], angle, damping)
     columns = solved.columns[:, :4]  # without the second derivative of the force
     target = solved.columns[:, :5] @ solved.weights[:5] + solved.residual
@@ -261,7 +261,7 @@ def _torque_zero(found: SearchResult, free: Array) -> tuple[Array, Array]:
     ratio = _zero_over_pole(np.append(weights, 0.0), angle, damping)
     if ratio is None or with_modes is None:
         return np.full_like(free, np.nan), np.full_like(free, np.inf)
-    noise = SAMPLES_PER_INDEPENDENT * float(np.mean(solved.residual**2))
+    noise = SAMPLES_PER_INDEPENDENT * first.mean_square(solved.residual)
     covariance = noise * np.linalg.pinv(columns.T @ columns)
     gradient = np.array([1 / weights[2], 0, -weights[0] / weights[2] ** 2, 0])
     relative = math.sqrt(max(float(gradient @ covariance @ gradient), 0.0)) / (2 * ratio)

@@ -315,7 +315,7 @@ def ripple_amplitudes(found: JointFit, orders: Sequence[int], lead: float) -> tu
     solved, b, mode = found.solved[0], found.blocks[0], found.modes[0]
     weights, residual = solved.weights.mean(axis=1), solved.residual.mean(axis=1)
     to_basis = orthonormaliser(solved.columns.T @ solved.columns, _RANK_TOLERANCE)
-    covariance = SAMPLES_PER_INDEPENDENT * float(np.mean(residual**2)) * to_basis @ to_basis.T
+    covariance = SAMPLES_PER_INDEPENDENT * b.mean_square(residual) * to_basis @ to_basis.T
     gain = _torque_gain(found, weights)
     turns = float(np.abs(b.windows.speed).max()) / lead if lead > 0 else 0.0  # per second, at full speed
     out = []

@@ -279,7 +279,8 @@ def cell_deviations(found: JointFit, block: int) -> tuple[Array, Array]:
     b, residual = found.blocks[block], found.residual[block]
     place = b.windows.place
     f = np.array([np.mean(mode_frequency(found.modes[block], place[i:j])) for i, j in b.windows.spans])
-    noise = np.array([np.mean(residual[rows] ** 2) for rows in b.rows]) * SAMPLES_PER_INDEPENDENT
+    squares = np.array([np.sum(residual[rows] ** 2) for rows in b.rows])
+    noise = SAMPLES_PER_INDEPENDENT * squares / (b.windows.lengths * b.target.shape[1])
     deviation = -f / 2 * steps
     spread = f / 2 * np.sqrt(noise / np.maximum(information, 1e-300))
     inflation = float(np.median(np.abs(deviation) / np.maximum(spread, 1e-300))) * _MEDIAN

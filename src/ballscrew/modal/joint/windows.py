@@ -29,6 +29,7 @@ _LARGEST_SHIFT = 0.004  # error with which the start of a phase is found in the 
 _ZERO_FORCE = 0.003  # at the start of a window: the mean force of this time is subtracted
 _FILTER_SETTLES = 0.008  # at the start of a window: not fitted, since the band's filter settles
 _AFTER_SLIP = 0.005  # a departure is fitted from this time after the table begins to slide
+_FOR_DERIVATIVES = 2  # samples after the last one that is fitted: for second derivatives there
 _LEAST_COUNTED = 0.02  # of a window that is fitted
 _SHORTER = 0.02  # by which a transient may be shorter than the median of its cell
 
@@ -90,6 +91,8 @@ class CellWindow(NamedTuple):
         Rows: force, motor, place, speed, force_band, motor_band and each response, as in :class:`Windows`.
     from_rest, in_motion : ndarray of bool, shape (n,)
         As in :class:`Windows`.
+    length : int
+        As in :class:`Windows`.
     direction : float
         +1 or -1, the direction of motion.
     reversing : bool
@@ -102,6 +105,7 @@ class CellWindow(NamedTuple):
     channels: Array
     from_rest: NDArray[np.bool_]
     in_motion: NDArray[np.bool_]
+    length: int
     direction: float
     reversing: bool
     pieces: tuple[tuple[int, int], ...]
@@ -129,6 +133,9 @@ class Windows:
         Samples that may be fitted, including a departure from its standstill on.
     in_motion : ndarray of bool, shape (n,)
         The same without the samples of a departure before the table slides.
+    lengths : ndarray, shape (cells,)
+        Samples of each window with those after the last one that may be fitted, which are left out: the mean
+        square of a residual counts them.
     direction : ndarray, shape (n,)
         +1 or -1, the direction of motion of the window.
     force : ndarray, shape (n,)
@@ -151,6 +158,7 @@ class Windows:
     first: NDArray[np.int64]
     from_rest: NDArray[np.bool_]
     in_motion: NDArray[np.bool_]
+    lengths: NDArray[np.int64]
     direction: Array
     force: Array
     motor: Array
@@ -209,8 +217,8 @@ def average_windows(
 
 def _concatenate(rate: float, band: Band, middle: float, windows: Sequence[CellWindow]) -> Windows:
     """Windows of cells, one after the other."""
-    cells, channels, from_rest, in_motion, direction, reversing, pieces = zip(*windows, strict=True)
-    lengths = [*map(len, from_rest)]
+    cells, channels, from_rest, in_motion, lengths, direction, reversing, pieces = zip(*windows, strict=True)
+    samples = [*map(len, from_rest)]
     joined = np.concatenate(channels, axis=1)
     signals = (*joined[:_NUT], joined[_NUT:])
     return Windows(
@@ -221,10 +229,11 @@ def _concatenate(rate: float, band: Band, middle: float, windows: Sequence[CellW
         cells,
         reversing,
         pieces,
-        np.cumsum([0, *lengths]),
+        np.cumsum([0, *samples]),
         np.concatenate(from_rest),
         np.concatenate(in_motion),
-        np.repeat(direction, lengths),
+        np.array(lengths),
+        np.repeat(direction, samples),
         *signals,
     )
 
@@ -330,7 +339,17 @@ def _average(
         return None
     mean[_FORCE] -= mean[_FORCE, : max(1, round(_ZERO_FORCE * rate))].mean()
     direction = float(np.sign(mean[_SPEED].sum()))
-    return CellWindow(cell, mean, from_rest, in_motion, direction, cell in reversing, pieces)
+    used = slice(int(np.flatnonzero(from_rest)[-1]) + 1 + _FOR_DERIVATIVES)
+    return CellWindow(
+        cell,
+        mean[:, used],
+        from_rest[used],
+        in_motion[used],
+        length,
+        direction,
+        cell in reversing,
+        pieces,
+    )
 
 
 def _reversing(transients: Sequence[TransientRow]) -> set[CellKey]:
