@@ -80,8 +80,7 @@ class Block:
 
     def mean_square(self, residual: Array) -> float:
         """Mean square of a residual, shape (n, ...), over the whole windows."""
-        left = int(self.windows.lengths.sum()) / len(residual)
-        return float(np.mean(residual**2)) / left
+        return float(np.mean(residual**2)) * len(residual) / int(self.windows.lengths.sum())
 
 
 @dataclass(frozen=True, slots=True)

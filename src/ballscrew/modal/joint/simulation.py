@@ -72,27 +72,27 @@ SOFTENING = _softening()
 
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
+def _growth(load: float, softening: Array) -> float:
+    """Growth of the secant compliance at a load over the preload, from the table."""
+    at = min(abs(load) / LOAD_STEP, softening.shape[0] - 2.0)
+    k = np.uint64(at)  # unsigned: an index that may be negative takes longer
+    return float(softening[k] + (at - k) * (softening[k + np.uint64(1)] - softening[k]))
+
+
+@compiled(fastmath={"contract", "arcp", "nsz"})
 def _load_ratio(linear: float, share: float, softening: Array) -> float:
     """Force over preload, from ``linear``, what it would be at the same deflection if nothing softened.
 
     The softening depends on the force itself: two steps of a fixed-point iteration.
     """
-    last = softening.shape[0] - 2.0
-    at = min(abs(linear) / LOAD_STEP, last)
-    k = int(at)
-    growth = softening[k] + (at - k) * (softening[k + 1] - softening[k])
-    at = min(at / (1 + share * growth), last)
-    k = int(at)
-    growth = softening[k] + (at - k) * (softening[k + 1] - softening[k])
-    return float(linear / (1 + share * growth))
+    first = linear / (1 + share * _growth(linear, softening))
+    return float(linear / (1 + share * _growth(first, softening)))
 
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _deflection(load: float, share: float, softening: Array) -> float:
     """Inverse of :func:`_load_ratio`: ``linear`` of a force over the preload."""
-    at = min(abs(load) / LOAD_STEP, softening.shape[0] - 2.0)
-    k = int(at)
-    return float(load * (1 + share * (softening[k] + (at - k) * (softening[k + 1] - softening[k]))))
+    return float(load * (1 + share * _growth(load, softening)))
 
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
@@ -189,7 +189,7 @@ def _tabled_factors(square: float, parameters: Array, table: Array, dt: float) -
     at = (square * parameters[0] - _LOW) * (_NODES - 1) / (_HIGH - _LOW)
     if not 0 <= at <= _NODES - 1:
         return _factors(square, parameters, dt)
-    node = int(at + 0.5)
+    node = np.uint64(at + 0.5)
     off = at - node
     stiff = table[node, 0] + off * (table[node, 1] + off * table[node, 2])
     return stiff, table[node, 3] + off * (table[node, 4] + off * table[node, 5])
@@ -204,21 +204,20 @@ def _along_axis(
     w² at rest, rad²/s². Of a nut that softens, else 0: ``linear`` of :func:`_load_ratio` per deflection, 1/m;
     the nut's share of the compliance; ``linear`` and load ratio of the constant force.
     """
-    compliance, slope, curve = parameters[0], parameters[1], parameters[2]
-    mass_over_preload, nut_share = parameters[4], parameters[5]
+    slope, curve, nut_share = parameters[1], parameters[2], parameters[5]
+    square, per_share = 1 / parameters[0], 1 / nut_share
     out = np.zeros((place.shape[0], 5))
     for i in range(place.shape[0]):
         x = place[i]
-        relative = max(1 + slope * x + curve * x * x + local[i], LEAST_COMPLIANCE)
-        square = 1 / (compliance * relative)
-        out[i, 0] = square
-        if mass_over_preload > 0:
+        stiffness = 1 / max(1 + slope * x + curve * x * x + local[i], LEAST_COMPLIANCE)  # relative
+        out[i, 0] = square * stiffness
+        if parameters[4] > 0:
             # The nut's compliance is proportional to P^(-1/3): local wear is a lower preload there.
             nut = max(nut_share + local[i], LEAST_NUT * nut_share)
-            share = min(nut / relative, MOST_SHARE)
-            mass_over_preload_here = mass_over_preload * (nut / nut_share) ** 3
-            constant = _deflection(mass_over_preload_here * constant_force[i], share, softening)
-            out[i, 1] = mass_over_preload_here * square
+            share = min(nut * stiffness, MOST_SHARE)
+            mass_over_preload = parameters[4] * (nut * per_share) ** 3
+            constant = _deflection(mass_over_preload * constant_force[i], share, softening)
+            out[i, 1] = mass_over_preload * square * stiffness
             out[i, 2] = share
             out[i, 3] = constant
             out[i, 4] = _load_ratio(constant, share, softening)
@@ -234,7 +233,7 @@ def _secant(linear: float, share: float, constant: float, constant_ratio: float,
 
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
-def simulate_mode(  # noqa: PLR0912, PLR0913, PLR0915  one compiled loop over the samples
+def simulate_mode(  # noqa: PLR0913  one compiled loop over the samples
     drive: Array,
     place: Array,
     local: Array,
@@ -284,58 +283,92 @@ def simulate_mode(  # noqa: PLR0912, PLR0913, PLR0915  one compiled loop over th
     ripple_response : ndarray, shape (n, k)
         Filled with a in the band under each force of ``ripple``, with the stiffness that ``drive`` causes.
     """
-    sections, count = numerator.shape[0], ripple.shape[1]
-    windows = first.shape[0] - 1
     frame = _frame_factors(1 / parameters[0], parameters, dt)
     table = _factor_table(parameters, dt)
     along = _along_axis(place, local, constant_force, parameters, softening)
-    # Windows in step: the processor works on one while it waits for another. With ripple it has enough to do.
-    together = _TOGETHER if count == 0 else 1
-    for start in range(0, windows, together):
-        stop = min(start + together, windows)
-        states = np.zeros((together, 4))  # deflection and frame, each with its rate
-        memories = np.zeros((together, sections, 2))  # of the band's filter
-        ripple_motion = np.zeros((2, count))  # deflection and its rate under each force of the ripple
-        ripple_state = np.zeros((count, 4))  # the same with a moving frame
-        ripple_memory = np.zeros((sections, 2, count))
-        for step in range(np.max(first[start + 1 : stop + 1] - first[start:stop])):
-            for window in range(start, stop):
-                i = first[window] + step
-                if i >= first[window + 1]:
-                    continue
-                state, memory = states[window - start], memories[window - start]
+    factors = np.empty((place.shape[0], 2))
+    _respond_to_drive(drive, along, first, parameters, softening, frame, table, dt, factors, out)
+    _pass_band(first, numerator, denominator, out.reshape(out.shape[0], 1))
+    if ripple.shape[1] > 0:
+        _respond_to_ripple(ripple, factors, first, frame, dt, ripple_response)
+        _pass_band(first, numerator, denominator, ripple_response)
+
+
+@compiled(fastmath={"contract", "arcp", "nsz"})
+def _respond_to_drive(
+    drive: Array,
+    along: Array,
+    first: NDArray[np.int64],
+    parameters: Array,
+    softening: Array,
+    frame: tuple[float, float, float],
+    table: Array,
+    dt: float,
+    factors: Array,
+    out: Array,
+) -> None:
+    """Fill a of all windows before the filter of the band, and the factors of each step."""
+    order = np.argsort(first[:-1] - first[1:])  # windows in step are of similar length
+    states = np.empty((_TOGETHER, 4))  # deflection and frame, each with its rate
+    for begin in range(0, order.shape[0], _TOGETHER):
+        windows = order[begin : begin + _TOGETHER]
+        states[:] = 0.0
+        for step in range(first[windows[0] + 1] - first[windows[0]]):
+            for k in range(windows.shape[0]):
+                i = first[windows[k]] + step
+                if i >= first[windows[k] + 1]:
+                    break
                 square = along[i, 0]
                 if along[i, 1] > 0:
-                    linear = along[i, 1] * state[0]
+                    linear = along[i, 1] * states[k, 0]
                     square *= _secant(linear, along[i, 2], along[i, 3], along[i, 4], softening)
-                square = max(square, 1.0)
-                stiff, damp = _tabled_factors(square, parameters, table, dt)
+                stiff, damp = _tabled_factors(max(square, 1.0), parameters, table, dt)
+                factors[i, 0], factors[i, 1] = stiff, damp
                 if frame[0] > 0:
-                    y = _step_with_frame(drive[i], stiff, damp, frame, dt, state)
+                    y = _step_with_frame(drive[i], stiff, damp, frame, dt, states[k])
                 else:
-                    y = stiff * state[0] + damp * state[1]
-                    state[1] += (drive[i] - y) * dt
-                    state[0] += state[1] * dt
-                for s in range(sections):
-                    filtered_y = numerator[s, 0] * y + memory[s, 0]
-                    memory[s, 0] = numerator[s, 1] * y - denominator[s, 0] * filtered_y + memory[s, 1]
-                    memory[s, 1] = numerator[s, 2] * y - denominator[s, 1] * filtered_y
-                    y = filtered_y
+                    y = stiff * states[k, 0] + damp * states[k, 1]
+                    states[k, 1] += (drive[i] - y) * dt
+                    states[k, 0] += states[k, 1] * dt
                 out[i] = y
-                for c in range(count):
-                    if frame[0] > 0:
-                        y = _step_with_frame(ripple[i, c], stiff, damp, frame, dt, ripple_state[c])
-                    else:
-                        y = stiff * ripple_motion[0, c] + damp * ripple_motion[1, c]
-                        ripple_motion[1, c] += (ripple[i, c] - y) * dt
-                        ripple_motion[0, c] += ripple_motion[1, c] * dt
-                    ripple_response[i, c] = y
-                for s in range(sections):
-                    for c in range(count):
-                        y = ripple_response[i, c]
-                        filtered_y = numerator[s, 0] * y + ripple_memory[s, 0, c]
-                        ripple_memory[s, 0, c] = (
-                            numerator[s, 1] * y - denominator[s, 0] * filtered_y + ripple_memory[s, 1, c]
-                        )
-                        ripple_memory[s, 1, c] = numerator[s, 2] * y - denominator[s, 1] * filtered_y
-                        ripple_response[i, c] = filtered_y
+
+
+@compiled(fastmath={"contract", "arcp", "nsz"})
+def _respond_to_ripple(
+    ripple: Array,
+    factors: Array,
+    first: NDArray[np.int64],
+    frame: tuple[float, float, float],
+    dt: float,
+    out: Array,
+) -> None:
+    """Fill a under each force of the ripple, before the band's filter."""
+    for window in range(first.shape[0] - 1):
+        states = np.zeros((4, ripple.shape[1]))
+        for i in range(first[window], first[window + 1]):
+            stiff, damp = factors[i, 0], factors[i, 1]
+            if frame[0] > 0:
+                for c in range(ripple.shape[1]):
+                    out[i, c] = _step_with_frame(ripple[i, c], stiff, damp, frame, dt, states[:, c])
+            else:
+                for c in range(ripple.shape[1]):
+                    y = stiff * states[0, c] + damp * states[1, c]
+                    states[1, c] += (ripple[i, c] - y) * dt
+                    states[0, c] += states[1, c] * dt
+                    out[i, c] = y
+
+
+@compiled(fastmath={"contract", "arcp", "nsz"})
+def _pass_band(first: NDArray[np.int64], numerator: Array, denominator: Array, values: Array) -> None:
+    """Filter columns in place, each window from rest."""
+    for window in range(first.shape[0] - 1):
+        memory = np.zeros((values.shape[1], numerator.shape[0], 2))
+        for i in range(first[window], first[window + 1]):
+            for c in range(values.shape[1]):
+                x = values[i, c]
+                for s in range(numerator.shape[0]):
+                    y = numerator[s, 0] * x + memory[c, s, 0]
+                    memory[c, s, 0] = numerator[s, 1] * x - denominator[s, 0] * y + memory[c, s, 1]
+                    memory[c, s, 1] = numerator[s, 2] * x - denominator[s, 1] * y
+                    x = y
+                values[i, c] = x
