@@ -7,6 +7,7 @@ Graph. Stat. 13, 2004, DOI 10.1198/106186004X12803).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ from ballscrew.base.proposals import (
     proposals_at_maxima,
 )
 from ballscrew.prognosis.families import NUMBERS, Cloud, Family, FamilyPrior
-from ballscrew.prognosis.family_process import AHEAD, FamilyFit, evidence_of
+from ballscrew.prognosis.family_process import AHEAD, FamilyFit, MemberEvidence, evidence_of
 from ballscrew.prognosis.readings import Readings
 
 _FIRST = 4  # clouds' worth of members of the prior
@@ -122,8 +123,8 @@ def fit_family(
     random = np.random.default_rng([seed, 1])
     target = _Target(family, prior, duty, readings, OnsetScale.of(duty, prior))
     sample = _sampled(target, members, random)
-    factor, innovation, slope = map(np.concatenate, zip(*sample.evidence, strict=True))
-    score, below = _past_forecasts(sample.log_weight, factor, innovation, slope)
+    innovation = np.vstack([each.innovation for each in sample.evidence])
+    score, below = _past_forecasts(sample.log_weight, sample.evidence)
     last = sample.log_weight[:, -1]
     moments = np.mean(innovation**4, axis=1) / np.maximum(np.mean(innovation**2, axis=1) ** 2, 1e-12)
     cloud, _ = target.cloud(sample.points)
@@ -148,13 +149,13 @@ class _Target:
         cloud = self.family.cloud(np.clip(z, -_FARTHEST, _FARTHEST), self.prior, float(self.duty[-1]))
         return cloud, log_ratio - 0.5 * (points**2).sum(axis=1)
 
-    def evidence(self, points: Array) -> tuple[Array, tuple[Array, ...]]:
-        """Logarithm of the posterior density after each number of readings, factor, innovations, slope."""
+    def evidence(self, points: Array) -> tuple[Array, MemberEvidence]:
+        """Logarithm of the posterior density after each number of readings, and the evidence."""
         cloud, log_prior = self.cloud(points)
-        gains, positive, *others = evidence_of(cloud, self.duty, self.readings)
-        log_density = np.hstack([log_prior[:, None], gains]).cumsum(axis=1)
-        log_density[:, -1] += positive
-        return log_density, tuple(others)
+        evidence = evidence_of(cloud, self.duty, self.readings)
+        log_density = np.hstack([log_prior[:, None], evidence.gains]).cumsum(axis=1)
+        log_density[:, -1] += evidence.positive
+        return log_density, evidence
 
     def log_density(self, points: Array) -> Array:
         """Logarithm of the posterior density, shape (m,)."""
@@ -173,7 +174,7 @@ class _Sample:
     points: Array
     mixture: Array
     log_density: Array
-    evidence: list[tuple[Array, ...]]
+    evidence: list[MemberEvidence]
 
     @classmethod
     def of(cls, proposal: Proposal, target: _Target, random: np.random.Generator) -> _Sample:
@@ -237,21 +238,15 @@ def _starts(points: Array, log_density: Array) -> Array:
     return starts
 
 
-def _past_forecasts(so_far: Array, factor: Array, innovation: Array, slope: Array) -> tuple[Array, Array]:
+def _past_forecasts(so_far: Array, evidence: Sequence[MemberEvidence]) -> tuple[Array, Array]:
     """Score and probability below of each reading, as forecast by the members' weights before it."""
-    m, n = innovation.shape
-    score, below = np.full((n, len(AHEAD)), np.nan), np.full((n, len(AHEAD)), np.nan)
-    error, variance = np.zeros((m, n)), np.zeros((m, n))
-    for back in range(AHEAD[-1]):
-        row, known = np.arange(back, n), np.arange(n - back)
-        error[:, row] += factor[:, row, known] * innovation[:, known]
-        variance[:, row] += factor[:, row, known] ** 2
-        if back + 1 in AHEAD:
-            column, target = AHEAD.index(back + 1), np.arange(back + 1, n)
-            deviation = np.sqrt(variance[:, target])
-            e = error[:, target] / deviation
-            log_weight = so_far[:, target - back] - log_sum(so_far[:, target - back])
-            density = -0.5 * e**2 - np.log(deviation / slope[:, target])
-            score[target, column] = log_sum(log_weight + density)
-            below[target, column] = np.sum(np.exp(log_weight) * ndtr(e), axis=0)
+    error = np.concatenate([each.error for each in evidence])
+    density = np.concatenate([each.density for each in evidence])
+    score, below = np.full((2, *error.shape[1:]), np.nan)
+    for column, ahead in enumerate(AHEAD):
+        target = np.arange(ahead, len(score))
+        log_weight = so_far[:, target - ahead + 1]
+        log_weight = log_weight - log_sum(log_weight)
+        score[target, column] = log_sum(log_weight + density[:, target, column])
+        below[target, column] = np.sum(np.exp(log_weight) * ndtr(error[:, target, column]), axis=0)
     return score, below

@@ -1,18 +1,23 @@
 """A family of wear as a Gaussian process: evidence of its members by the readings, and paths ahead.
 
 Given its parameters a member is a Gaussian process: an amplitude above 0 times a course, Brownian motion, and
-noise. One Cholesky factor L of its covariance gives all: with the innovations e = L⁻¹ z, reading j given the
-first i of them has the mean Σ_{l ≤ i} L_jl e_l and the variance Σ_{i < l ≤ j} L_jl².
+noise. Amplitude, motion, start and effect of the temperature are the state of a Kalman filter. It gives the
+density of each reading and the forecasts of it (Särkkä, *Bayesian Filtering and Smoothing*, 2013, section 4.3,
+DOI 10.1017/CBO9781139344203). For paths ahead a Cholesky factor L of the covariance gives more: with the
+innovations e = L⁻¹ z of the readings, later ones have the mean L e and the rest of L as root of their covariance.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from ballscrew.base.arrays import Array
+from ballscrew.base.compilation import compiled
 from ballscrew.base.resampling import systematic
 from ballscrew.prognosis.families import Cloud, Family, remaining_part, wear_depth
 from ballscrew.prognosis.readings import Readings
@@ -120,13 +125,37 @@ def sample_paths(
     return Paths(x, chosen.exponent, chosen.onset, chosen.noise)
 
 
-def evidence_of(cloud: Cloud, duty: Array, readings: Readings) -> tuple[Array, ...]:
-    """Evidence of m members by n readings.
+@dataclass(frozen=True, slots=True, eq=False)
+class MemberEvidence:
+    """MemberEvidence of m members by n readings.
+
+    Parameters
+    ----------
+    gains : ndarray, shape (m, n)
+        Logarithm of the density of each reading given those before.
+    positive : ndarray, shape (m,)
+        Logarithm of the probability of an amplitude above 0.
+    innovation : ndarray, shape (m, n)
+        Error of each reading as forecast from all before, over its standard deviation.
+    error, density : ndarray, shape (m, n, 4)
+        The same of forecasts :data:`AHEAD` readings before, and the logarithm of the density of each reading
+        by them; NaN where there was no reading yet.
+    """
+
+    gains: Array
+    positive: Array
+    innovation: Array
+    error: Array
+    density: Array
+
+
+def evidence_of(cloud: Cloud, duty: Array, readings: Readings) -> MemberEvidence:
+    """MemberEvidence of members by readings.
 
     Parameters
     ----------
     cloud : Cloud
-        The members.
+        m members.
     duty : ndarray, shape (n,)
         Duty at each reading, days.
     readings : Readings
@@ -134,22 +163,86 @@ def evidence_of(cloud: Cloud, duty: Array, readings: Readings) -> tuple[Array, .
 
     Returns
     -------
-    gains : ndarray, shape (m, n)
-        Logarithm of the density of each reading given those before.
-    positive : ndarray, shape (m,)
-        Logarithm of the probability of an amplitude above 0.
-    factor, innovation, slope : ndarray
-        Cholesky factor, innovations and −dz/dx.
+    MemberEvidence
+        Of each member.
     """
     z, slope = _depth(cloud, readings)
-    g = cloud.rate[:, None] * cloud.course(duty)
-    covariance = _covariance(cloud, duty, readings, slope)
-    factor, innovation, by_amplitude = _factored(covariance, z, g)
-    size = np.diagonal(factor, axis1=1, axis2=2)
-    gains = -0.5 * innovation**2 - np.log(size / slope)
-    mean = np.sum(by_amplitude * innovation, axis=1)
-    deviation = np.sqrt(np.maximum(1 - np.sum(by_amplitude**2, axis=1), 1e-9))
-    return gains, log_ndtr(mean / deviation), factor, innovation, slope
+    since = cloud.since(duty)
+    effects = np.empty((*z.shape, 4))  # of amplitude, motion, start and temperature
+    effects[:, :, 0] = cloud.rate[:, None] * cloud.course(duty)
+    effects[:, :, 1], effects[:, :, 2] = 1.0, readings.start
+    effects[:, :, 3] = readings.by_kelvin * readings.warmer * slope
+    pace = (cloud.walk * readings.typical) ** 2
+    motionless = effects[:, :, [0, 2, 3]]
+    variance = np.sum(motionless**2, axis=2) + pace[:, None] * since
+    noise = (cloud.noise[:, None] * readings.uncertainty * slope) ** 2 + _JITTER * variance
+    ahead = np.array([0, *AHEAD])
+    errors, deviations = np.full((2, *z.shape, len(ahead)), np.nan)
+    amplitude = np.empty((2, len(z)))
+    _filter(z, effects, pace[:, None] * since, noise, ahead, errors, deviations, amplitude)
+    density = -0.5 * errors**2 - np.log(deviations / slope[:, :, None])
+    positive = log_ndtr(amplitude[0] / np.sqrt(np.maximum(amplitude[1], 1e-9)))
+    return MemberEvidence(density[:, :, 0], positive, errors[:, :, 0], errors[:, :, 1:], density[:, :, 1:])
+
+
+@compiled()
+def _filter(
+    z: Array,
+    effects: Array,
+    motion: Array,
+    noise: Array,
+    ahead: NDArray[np.int_],
+    errors: Array,
+    deviations: Array,
+    amplitude: Array,
+) -> None:
+    """Kalman filter of m members.
+
+    Parameters
+    ----------
+    z, motion, noise : ndarray, shape (m, n)
+        Readings, variance of the Brownian motion up to each, and of the noise.
+    effects : ndarray, shape (m, n, 4)
+        Of the state on each reading: of the second, the motion, 1. The others have a variance of 1 before.
+    ahead : ndarray of int, shape (k,)
+        Numbers of readings ahead that are forecast: first 0, each reading from those before.
+    errors, deviations : ndarray, shape (m, n, k)
+        Error of each forecast over its standard deviation, and that deviation; filled where there is one.
+    amplitude : ndarray, shape (2, m)
+        Mean and variance of the first of the state, given all readings; filled.
+    """
+    mean, gain, covariance = np.empty(4), np.empty(4), np.empty((4, 4))
+    for member in range(z.shape[0]):
+        mean[:] = 0.0
+        covariance[:] = np.eye(4)
+        covariance[1, 1] = 0.0
+        moved = 0.0
+        for i in range(z.shape[1]):
+            covariance[1, 1] += motion[member, i] - moved
+            moved = motion[member, i]
+            for k in range(ahead.shape[0]):
+                j = i + ahead[k]
+                if j >= z.shape[1]:
+                    break
+                effect = effects[member, j]
+                variance = noise[member, j] + motion[member, j] - moved
+                error = z[member, j]
+                for a in range(4):
+                    error -= effect[a] * mean[a]
+                    of_state = 0.0
+                    for b in range(4):
+                        of_state += covariance[a, b] * effect[b]
+                    variance += effect[a] * of_state
+                    if k == 0:
+                        gain[a] = of_state
+                deviation = math.sqrt(variance)
+                errors[member, j, k], deviations[member, j, k] = error / deviation, deviation
+                if k == 0:
+                    for a in range(4):
+                        mean[a] += gain[a] * error / variance
+                        for b in range(4):
+                            covariance[a, b] -= gain[a] * gain[b] / variance
+        amplitude[0, member], amplitude[1, member] = mean[0], covariance[0, 0]
 
 
 def _depth(cloud: Cloud, readings: Readings) -> tuple[Array, Array]:
