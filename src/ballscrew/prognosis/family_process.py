@@ -2,9 +2,10 @@
 
 Given its parameters a member is a Gaussian process: an amplitude above 0 times a course, Brownian motion, and
 noise. Amplitude, motion, start and effect of the temperature are the state of a Kalman filter. It gives the
-density of each reading and the forecasts of it (Särkkä, *Bayesian Filtering and Smoothing*, 2013, section 4.3,
-DOI 10.1017/CBO9781139344203). For paths ahead a Cholesky factor L of the covariance gives more: with the
-innovations e = L⁻¹ z of the readings, later ones have the mean L e and the rest of L as root of their covariance.
+density of each reading and the forecasts of it (Särkkä, *Bayesian Filtering and Smoothing*, 2013, section
+4.3, DOI 10.1017/CBO9781139344203). Paths ahead are by a Cholesky factor L of the covariance: with the
+innovations e = L⁻¹ z of the readings, later ones have the mean L e, and the rest of L as root of their
+covariance.
 """
 
 from __future__ import annotations
