@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from tests.modal.joint.conftest import SmallRun
 
+from ballscrew.modal.joint import windows
 from ballscrew.modal.joint.blocks import (
     Block,
     make_block,
@@ -18,6 +19,7 @@ from ballscrew.modal.joint.blocks import (
     raw_columns_of,
     remaining_power,
     whiten,
+    with_whitening,
 )
 from ballscrew.modal.joint.initial import total_inertia
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
@@ -35,6 +37,34 @@ def blocks(run: SmallRun) -> list[Block]:
 
 def shape(middle: float) -> AxialMode:
     return AxialMode(compliance_of(middle), 0.3, 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03)
+
+
+@pytest.mark.parametrize("thinned", [1, 4])
+def test_what_a_window_leaves_out_changes_nothing(
+    run: SmallRun, thinned: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither the columns nor the residual, whitened, nor its mean square; thinned to 800 Hz as well."""
+    trips = []
+    for trip in run.trips:
+        names = ("force", "position", "motor")
+        channels = {name: getattr(trip, name)[::thinned] for name in names if getattr(trip, name) is not None}
+        trips.append(
+            replace(trip, rate=trip.rate / thinned, response=trip.response[:, ::thinned], **channels)
+        )
+    found = []
+    for margin in (windows._FOR_DERIVATIVES, 10**6):
+        monkeypatch.setattr(windows, "_FOR_DERIVATIVES", margin)
+        w = average_windows(trips, run.transients, 1.0, 90.0, 300.0)
+        assert w is not None
+        for name in ("torque-nut", "motor-nut", "torque-motor"):
+            b = make_block(name, w)
+            b = with_whitening(b, project(b, shape(170.0)).residual, 0.01)
+            solved = project(b, shape(170.0))
+            fitted = b.counted
+            found.append((solved.columns[fitted], solved.residual[fitted], b.mean_square(solved.residual)))
+    for cut, whole in zip(found[:3], found[3:], strict=True):
+        for one, other in zip(cut, whole, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())
 
 
 def test_what_is_left_over_is_what_the_residual_has(run: SmallRun, blocks: list[Block]) -> None:

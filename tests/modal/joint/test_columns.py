@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import bilinear, lfilter
 
 from ballscrew.modal.joint.blocks import orthonormaliser
-from ballscrew.modal.joint.columns import fill_columns, pitching_response
+from ballscrew.modal.joint.columns import differences, fill_columns, pitching_response
 
 RATE = 3200.0
 
@@ -19,10 +19,19 @@ def test_answers_stand_beside_their_slopes(nut: bool) -> None:
     random = np.random.default_rng(1)
     answers, beside, moved = (random.standard_normal(shape) for shape in ((2, 30), (30, 3), (30, 4)))
     columns = np.empty((30, (5 if nut else 2) + 7))
-    fill_columns(answers[0], answers[1] if nut else np.empty(0), beside, moved, columns)
+    pitching = answers[1] if nut else np.empty(0)
+    fill_columns(answers[0], pitching, beside, moved, np.array([0, 30]), columns)
     once = np.gradient(answers, axis=1)
     own = [answers[0], once[0], *((np.gradient(once[0]), answers[1], once[1]) if nut else ())]
     np.testing.assert_allclose(columns, np.column_stack([*own, beside, moved]), atol=1e-14)
+
+
+def test_derivatives_end_at_the_border_of_a_window() -> None:
+    values = np.random.default_rng(4).standard_normal(13)
+    pieces = values[:7], values[7:8], values[8:10], values[10:]
+    expected = [np.gradient(piece) if len(piece) > 1 else np.zeros(1) for piece in pieces]
+    found = differences(values, np.array([0, 7, 8, 10, 13]))
+    np.testing.assert_allclose(found, np.concatenate(expected), rtol=1e-15)
 
 
 def test_columns_become_orthonormal_and_alike_ones_count_once() -> None:

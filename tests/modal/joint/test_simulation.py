@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -182,3 +183,39 @@ def test_with_more_than_critical_damping_there_are_still_two_poles() -> None:
     omega, damping = coupled_poles(mode, np.array([100.0, 150.0, 250.0]))
     assert omega.shape == damping.shape == (3, 2)
     assert (damping <= 1).all()
+
+
+@pytest.mark.parametrize("frame", [(0.0, 0.0, 0.0), (0.1, 900.0, 0.05)])
+@pytest.mark.parametrize("ripples", [0, 3])
+def test_windows_of_any_length_are_simulated_as_if_alone(frame: tuple[float, ...], ripples: int) -> None:
+    """More of them than are simulated in step, with a load that softens the nut."""
+    random = np.random.default_rng(5)
+    first = np.cumsum([0, 300, 1, 40, 2000, 7, 300, 41, 90, 5, 640, 12])
+    drive, place, local = random.standard_normal((3, first[-1])) * [[3.0], [0.1], [0.02]]
+    forces = 0.1 * random.standard_normal((first[-1], ripples))
+    parameters = np.array([1 / 1000.0**2, 0.3, -0.2, 0.03, 0.3, 0.5, 0.5, *frame])
+    band = band_filter(90.0, 400.0, RATE)
+
+    def simulated(start: int, stop: int, borders: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        out, to_ripple = np.empty(stop - start), np.empty((stop - start, ripples))
+        constant = np.full(stop - start, 0.2)
+        simulate_mode(
+            drive[start:stop], place[start:stop], local[start:stop], constant, forces[start:stop],
+            borders - start, parameters, SOFTENING, band.numerator, band.denominator, 1 / RATE,
+            out, to_ripple,
+        )  # fmt: skip
+        return out, to_ripple
+
+    together = simulated(0, int(first[-1]), first)
+    for start, stop in pairwise(first.tolist()):
+        alone = simulated(start, stop, np.array([start, stop]))
+        for whole, part in zip(together, alone, strict=True):
+            np.testing.assert_array_equal(whole[start:stop], part)
+
+
+def test_a_drive_that_is_no_number_gives_none_and_reads_nothing_beyond_the_tables() -> None:
+    drive = np.zeros(50)
+    drive[10] = np.nan
+    found = rung(150.0, 0.03, drive, load=0.3)
+    assert np.isfinite(found[:10]).all()
+    assert np.isnan(found[11:]).all()

@@ -19,6 +19,18 @@ def test_each_cell_is_one_window_of_all_trips(run: SmallRun) -> None:
     assert len(w.force) == w.first[-1] == w.nut.shape[1]
 
 
+def test_a_window_ends_after_the_last_sample_that_may_be_fitted(run: SmallRun) -> None:
+    w = average_windows(run.trips, run.transients, 1.0, 80.0, 400.0)
+    assert w is not None
+    left_out = w.lengths - np.diff(w.first)
+    arrivals = np.array([cell.condition.endswith("D") for cell in w.cells])
+    assert (left_out[arrivals] > 100).all()
+    assert not left_out[~arrivals].any()
+    for (start, stop), arrives in zip(w.spans, arrivals.tolist(), strict=True):
+        after = stop - start - 1 - int(np.flatnonzero(w.from_rest[start:stop])[-1])
+        assert after == (2 if arrives else 0)
+
+
 def test_a_trip_that_moves_unlike_the_others_is_left_out(run: SmallRun) -> None:
     odd = replace(run.trips[1], position=0.8 * run.trips[1].position)
     w = average_windows((run.trips[0], odd, run.trips[2]), run.transients, 1.0, 80.0, 400.0)

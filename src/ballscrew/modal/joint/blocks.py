@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.columns import BELOW_NYQUIST, fill_columns, pitching_response
+from ballscrew.modal.joint.columns import BELOW_NYQUIST, differences, fill_columns, pitching_response
 from ballscrew.modal.joint.mode import AxialMode, coupled_poles, local_compliance, mode_frequency
 from ballscrew.modal.joint.simulation import SOFTENING, simulate_mode
 from ballscrew.modal.joint.whitening import free_responses, whiten_windows, whitening_filter
@@ -196,8 +196,8 @@ def make_block(
     if name == "motor-nut":
         return Block(name, w, counted, np.ones(1), _in_band(w, balls), balls)
     ripple = np.column_stack([balls, none if ripple is None else ripple])
-    force_rate = np.gradient(w.force_band)
-    known = [np.gradient(force_rate)]
+    force_rate = differences(w.force_band, w.first)
+    known = [differences(force_rate, w.first)]
     if name == "torque-motor":
         known = [w.force_band, force_rate, *known]
     return Block(name, w, counted, np.ones(1), np.column_stack([*known, _in_band(w, ripple)]), ripple)
@@ -245,7 +245,7 @@ def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None)
         angular = _pitch_angular(mode, w)
         pitching_response(simulation.response, w.first, angular, mode.pitch_damping, 1 / w.rate, pitching)
     columns = np.empty((len(w.place), of_mode + b.known.shape[1] + b.ripple.shape[1]))
-    fill_columns(simulation.response, pitching, b.known, simulation.to_ripple, columns)
+    fill_columns(simulation.response, pitching, b.known, simulation.to_ripple, w.first, columns)
     return columns
 
 

@@ -50,24 +50,46 @@ def pitching_response(
 
 
 @compiled()
-def _gradient(values: Array) -> Array:
-    """Central differences, one-sided at both ends."""
-    last = values.shape[0] - 1
-    out = np.empty(last + 1)
-    out[0], out[last] = values[1] - values[0], values[last] - values[last - 1]
-    for i in range(1, last):
-        out[i] = 0.5 * (values[i + 1] - values[i - 1])
+def differences(values: Array, first: NDArray[np.int64]) -> Array:
+    """Derivative by central differences, one-sided at both ends of each window.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Of all windows, one after the other.
+    first : ndarray, shape (windows + 1,)
+        First sample of each window.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Per sample; 0 in a window of one sample.
+    """
+    out = np.zeros(values.shape[0])
+    for window in range(first.shape[0] - 1):
+        start, last = first[window], first[window + 1] - 1
+        if start < last:
+            out[start], out[last] = values[start + 1] - values[start], values[last] - values[last - 1]
+        for i in range(start + 1, last):
+            out[i] = 0.5 * (values[i + 1] - values[i - 1])
     return out
 
 
 @compiled()
-def fill_columns(response: Array, pitching: Array, known: Array, ripple: Array, columns: Array) -> None:
+def fill_columns(
+    response: Array,
+    pitching: Array,
+    known: Array,
+    ripple: Array,
+    first: NDArray[np.int64],
+    columns: Array,
+) -> None:
     """Fill the columns of the linear least-squares problem of a block, in the order of the parameters.
 
     Parameters
     ----------
     response : ndarray, shape (n,)
-        Of the axial mode, at least two samples. Columns: the response and its derivative.
+        Of the axial mode. Columns: the response and its derivative.
     pitching : ndarray, shape (n,)
         Response of the pitching mode, for a block with the nut's response; else empty. Further columns: the
         second derivative of ``response``, the response of the pitching mode and its derivative.
@@ -75,12 +97,14 @@ def fill_columns(response: Array, pitching: Array, known: Array, ripple: Array, 
         Columns that do not depend on the mode.
     ripple : ndarray, shape (n, k)
         Response of the mode to the ripple.
+    first : ndarray, shape (windows + 1,)
+        First sample of each window.
     columns : ndarray, shape (n, 2 + m + k) or (n, 5 + m + k)
         Filled.
     """
     nut = pitching.shape[0] > 0
     own = 5 if nut else 2
-    derivative = _gradient(response)
+    derivative = differences(response, first)
     for i in range(columns.shape[0]):
         columns[i, 0] = response[i]
         columns[i, 1] = derivative[i]
@@ -89,7 +113,7 @@ def fill_columns(response: Array, pitching: Array, known: Array, ripple: Array, 
         for k in range(ripple.shape[1]):
             columns[i, own + known.shape[1] + k] = ripple[i, k]
     if nut:
-        second, pitching_derivative = _gradient(derivative), _gradient(pitching)
+        second, pitching_derivative = differences(derivative, first), differences(pitching, first)
         for i in range(columns.shape[0]):
             columns[i, 2] = second[i]
             columns[i, 3] = pitching[i]

@@ -70,9 +70,9 @@ class JointFit:
     parameters : tuple of (field, mode index or None)
         The fitted parameters.
     jacobian : tuple of ndarray, shape (n * responses, parameters)
-        Derivatives of each block's model, over the rms residual of the block.
+        Derivatives of each block's model, over the rms residual of its whole windows.
     residual : tuple of ndarray, shape (n * responses,)
-        Of each block, over its rms.
+        Of each block, over the same.
     hessian : ndarray, shape (parameters, parameters)
         Of half the cost, in the Gauss-Newton approximation, with the priors.
     steps : int

@@ -24,7 +24,7 @@ from ballscrew.modal.joint.blocks import (
     remaining_power,
     simulate,
 )
-from ballscrew.modal.joint.columns import BELOW_NYQUIST, pitching_response
+from ballscrew.modal.joint.columns import BELOW_NYQUIST, differences, pitching_response
 from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode, compliance_of
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows
@@ -314,7 +314,8 @@ def _unexplained_by_pitching(w: Windows, frequency: float, damping: float) -> fl
     filtered = np.empty(len(first))
     angular = 2 * math.pi * min(frequency, BELOW_NYQUIST * w.rate)
     pitching_response(first, w.first, angular, damping, 1 / w.rate, filtered)
-    columns = np.stack([first, np.gradient(first), filtered, np.gradient(filtered)])[:, w.from_rest]
+    rates = [differences(values, w.first) for values in (first, filtered)]
+    columns = np.stack([first, filtered, *rates])[:, w.from_rest]
     target = second[w.from_rest]
     explained = orthonormaliser(columns @ columns.T, _RANK_TOLERANCE).T @ (columns @ target)
     return max(1 - float(explained @ explained) / float(target @ target), 1e-12)

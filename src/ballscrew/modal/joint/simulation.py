@@ -74,7 +74,7 @@ SOFTENING = _softening()
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _growth(load: float, softening: Array) -> float:
     """Growth of the secant compliance at a load over the preload, from the table."""
-    at = min(abs(load) / LOAD_STEP, softening.shape[0] - 2.0)
+    at = min(softening.shape[0] - 2.0, abs(load) / LOAD_STEP)  # in this order: of nan the last of the table
     k = np.uint64(at)  # unsigned: an index that may be negative takes longer
     return float(softening[k] + (at - k) * (softening[k + np.uint64(1)] - softening[k]))
 
@@ -233,7 +233,7 @@ def _secant(linear: float, share: float, constant: float, constant_ratio: float,
 
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
-def simulate_mode(  # noqa: PLR0913  one compiled loop over the samples
+def simulate_mode(  # noqa: PLR0913  the compiled part of a simulation
     drive: Array,
     place: Array,
     local: Array,

@@ -277,8 +277,7 @@ def cell_deviations(found: JointFit, block: int) -> tuple[Array, Array]:
     parameter = found.parameters.index(("compliance", block))
     steps, information = cell_steps(found, parameter, (block,))
     b, residual = found.blocks[block], found.residual[block]
-    place = b.windows.place
-    f = np.array([np.mean(mode_frequency(found.modes[block], place[i:j])) for i, j in b.windows.spans])
+    f = mode_frequency(found.modes[block], b.windows.stops)
     squares = np.array([np.sum(residual[rows] ** 2) for rows in b.rows])
     noise = SAMPLES_PER_INDEPENDENT * squares / (b.windows.lengths * b.target.shape[1])
     deviation = -f / 2 * steps

@@ -92,7 +92,7 @@ class CellWindow(NamedTuple):
     from_rest, in_motion : ndarray of bool, shape (n,)
         As in :class:`Windows`.
     length : int
-        As in :class:`Windows`.
+        One of ``lengths`` of :class:`Windows`.
     direction : float
         +1 or -1, the direction of motion.
     reversing : bool
