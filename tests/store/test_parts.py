@@ -21,10 +21,11 @@ from ballscrew.store.adding import add_model
 from ballscrew.store.reading import current_rows, find_axis
 from ballscrew.store.store import Store
 
-TRIPS = tuple(FileRef(f"trip{number}.h5", f"{number:064x}") for number in range(3))
+TRIPS = tuple(FileRef(f"trip{number}.h5", f"{number:064x}") for number in range(4))
 BAD = replace(RUNS[0].quality, verdict="bad", reasons=("the sensor is loose.",))
 PART = replace(RUNS[0], id="part", files=TRIPS[:2])
-WHOLE = replace(RUNS[0], id="whole", files=TRIPS)
+WHOLE = replace(RUNS[0], id="whole", files=TRIPS[:3])
+MORE = replace(RUNS[0], id="more", files=TRIPS)
 BAD_PART, BAD_WHOLE = (replace(run, quality=BAD) for run in (PART, WHOLE))
 
 
@@ -145,7 +146,89 @@ def test_a_switch_to_results_with_other_verdicts_changes_which_run_counts(
     choose(3)
     store.reprocess(switch=True)
     assert counting(store) == {part}
+    choose(4)
+    store.reprocess(switch=True)
+    assert counting(store) == {whole}
     assert store.verify(store.path).faults == ()
+
+
+def test_a_part_that_a_person_includes_counts_after_a_switch_too(
+    store: Store, tmp_path: Path, choose: Callable[[int], None]
+) -> None:
+    add_model(store, MODEL)
+    part, more, whole = (
+        store.add(write_recordings(tmp_path / str(files), 0.0, files=files)).subject for files in (1, 2, 3)
+    )
+    assert counting(store) == {more}
+    store.exclude(part, undo=True)
+    choose(2)
+    store.reprocess(switch=True)
+    assert counting(store) == {part, whole}
+
+
+@pytest.mark.parametrize(("whole", "included"), [(WHOLE, "part"), (BAD_WHOLE, "whole")])
+@pytest.mark.parametrize("newer", [PART, WHOLE])
+def test_a_run_that_a_person_includes_counts_after_newer_results_too(
+    store: Store, folder: Path, whole: Run, included: str, newer: Run
+) -> None:
+    for run in (PART, whole):
+        add(store, folder, run)
+    store.exclude(included, reason="so that both count", undo=True)
+    add(store, folder, another(newer))
+    assert counting(store) == {"part", "whole"}
+    corrected = store.correct(newer.id, measured_at="2026-01-07T09:00Z", reason="wrong clock")
+    assert counting(store) == {"part", "whole", corrected} - {newer.id}
+
+
+def test_a_person_includes_a_part_beside_the_runs_of_that_time_not_later_ones(
+    store: Store, folder: Path
+) -> None:
+    for run in (PART, WHOLE):
+        add(store, folder, run)
+    store.exclude("part", undo=True)
+    add(store, folder, MORE)
+    assert counting(store) == {"more"}
+    store.exclude("more", reason="a test")
+    assert counting(store) == {"part", "whole"}
+    store.exclude("more", undo=True)
+    assert counting(store) == {"more"}
+    store.exclude("part", undo=True)
+    for run in (WHOLE, MORE):
+        add(store, folder, another(run))
+    assert counting(store) == {"part", "more"}
+
+
+def test_a_person_includes_a_part_beside_all_runs_of_that_time(store: Store, folder: Path) -> None:
+    for run in (PART, WHOLE, MORE):  # the part is excluded for one that does not count either
+        add(store, folder, run)
+    store.exclude("part", undo=True)
+    add(store, folder, another(MORE))
+    assert counting(store) == {"part", "more"}
+
+
+def test_a_part_that_was_included_as_such_is_excluded_as_a_bad_run(store: Store, folder: Path) -> None:
+    add(store, folder, PART)
+    store.exclude("part", reason="a test")
+    for run in (BAD_WHOLE, replace(MORE, quality=BAD)):
+        add(store, folder, run)
+    store.exclude("whole", undo=True)
+    assert counting(store) == {"whole", "more"}
+    store.exclude("part", undo=True)
+    assert counting(store) == {"part"}
+
+
+def test_only_the_end_of_an_exclusion_by_a_person_who_includes_the_run_lasts(
+    store: Store, folder: Path
+) -> None:
+    for run in (PART, WHOLE):
+        add(store, folder, run)
+    store.exclude("whole", reason="a test")
+    assert counting(store) == {"part"}
+    store.exclude("whole", undo=True)
+    assert counting(store) == {"whole"}
+    store.exclude("part", reason="a wrong load")
+    store.exclude("part", undo=True)
+    assert counting(store) == {"whole"}
 
 
 @pytest.mark.parametrize("reason", ["a test", "part", "its recordings are a part of those of the run x"])

@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
+from itertools import pairwise
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from ballscrew.store.exclusions import end_exclusions, insert_exclusion, standing_exclusions
 from ballscrew.store.methods import used_result
 from ballscrew.store.reading import current_rows, find_run, newest_version, run_versions
-from ballscrew.store.tables import Axis, Exclusion, RecordingRow, RunRow
+from ballscrew.store.tables import Audit, Axis, Exclusion, RecordingRow, RunRow
 
 _PART = "its recordings are a part of those of the run "
 _BAD = "is bad, and contains the recordings of the run "
 _COUNTS = ", which counts."
+REPLACED = "it is excluded for another reason."
+"""Why an exclusion ends where a person states another reason: the run does not count."""
+
+_VERDICTS = "newer results have other verdicts."
+_NO_DECISION = re.compile(f"{REPLACED}|{_VERDICTS}|the run .+ does not count.")  # that a run counts
 
 
 def exclude_parts(session: Session, axis: Axis, run: RunRow, by: str) -> None:
     """Exclude runs whose recordings are a part of those of a more complete run of the same load.
 
     Of a more complete run that is bad and a part that is not, the part counts. Which of several runs counts,
-    of which each contains the next, does not depend on the order of arrival.
+    of which each contains the next, does not depend on the order of arrival. A run that a person
+    included again stays, beside the runs that the store had then.
 
     Parameters
     ----------
@@ -90,7 +98,7 @@ def recount_parts(session: Session, axis: Axis, by: str, runs: Collection[int] |
         excluded, counting = _newest(session, excluded), _newest(session, counting)
         part, whole = (excluded, counting) if is_part else (counting, excluded)
         if _part_counts(session, part, whole) == is_part:
-            end_exclusions(session, excluded, "newer results have other verdicts.", by)
+            end_exclusions(session, excluded, _VERDICTS, by)
             exclude_parts(session, axis, excluded, by)
 
 
@@ -126,10 +134,9 @@ def update_parts(session: Session, run: str, by: str) -> None:
 
 def include_parts(session: Session, axis: Axis, whole: RunRow, by: str) -> None:
     """Include runs that were excluded for one that no longer counts, unless another of their runs does."""
-    versions = select(RunRow.run).where(RunRow.id.in_(run_versions(session, whole)))
     reasons = []
-    for name in session.scalars(versions):
-        reasons += [_part_reason(name), _bad_reason(name)]
+    for name in _names(session, whole):
+        reasons += [_reason(_PART, name), _reason(_BAD, name)]
     found = select(RunRow).join(Exclusion, Exclusion.run_id == RunRow.id).order_by(RunRow.id)
     found = found.where(RunRow.axis_id == axis.id, Exclusion.ended_at.is_(None))
     parts = session.scalars(found.where(Exclusion.reason.in_(reasons))).all()
@@ -162,17 +169,47 @@ def _excluded_of(session: Session, first: RunRow, second: RunRow) -> list[tuple[
     part, whole = sorted((first, second), key=lambda row: len(_recordings(session, row)))
     if not _recordings(session, part) < _recordings(session, whole):
         return []
+    row, other, kind = part, whole, _PART
     if _part_counts(session, part, whole):
-        return [(whole, _bad_reason(part.run))]
-    return [(part, _part_reason(whole.run))]
+        row, other, kind = whole, part, _BAD
+    if _is_included(session, row, other, kind):
+        return []
+    return [(row, _reason(kind, other.run))]
 
 
-def _part_reason(whole: str) -> str:
-    return f"{_PART}{whole}{_COUNTS}"
+def _reason(kind: str, other: str) -> str:
+    return f"{kind}{other}{_COUNTS}"
 
 
-def _bad_reason(part: str) -> str:
-    return f"{_BAD}{part}{_COUNTS}"
+def _is_included(session: Session, run: RunRow, other: RunRow, kind: str) -> bool:
+    """Whether a person included a run, excluded for this kind of reason, after another one was added."""
+    included = _last_inclusion(session, run, kind)
+    if included is None:
+        return False
+    subjects = [f"run {name}" for name in _names(session, other)]
+    added = select(func.min(Audit.id)).where(Audit.action == "add", Audit.subject.in_(subjects))
+    return included > (session.scalar(added) or 0)
+
+
+def _last_inclusion(session: Session, run: RunRow, kind: str) -> int | None:
+    """Number in the audit of a person's last inclusion of a run that was excluded for this kind of reason."""
+    of_run = Exclusion.run_id.in_(run_versions(session, run))
+    excluded = select(Exclusion.id).where(of_run, Exclusion.reason.startswith(kind))
+    if session.scalars(excluded).first() is None:  # the audit is long
+        return None
+    found = select(Audit).where(Audit.subject.in_(_names(session, run)))
+    found = found.where(Audit.action.in_(("exclude", "include"))).order_by(Audit.id)
+    last = None
+    for former, row in pairwise(session.scalars(found)):
+        was_excluded = former.action == "exclude" and former.detail["reason"].startswith(kind)
+        if was_excluded and row.action == "include" and not _NO_DECISION.fullmatch(row.detail["reason"]):
+            last = row.id
+    return last
+
+
+def _names(session: Session, run: RunRow) -> list[str]:
+    """Ids of all versions of a run."""
+    return list(session.scalars(select(RunRow.run).where(RunRow.id.in_(run_versions(session, run)))))
 
 
 def _recordings(session: Session, run: RunRow) -> set[str]:
