@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from ballscrew.base.arrays import Array
@@ -18,20 +17,16 @@ _MOST_STEPS = 1000
 # Frequency of the bed over the axial one: below it the bed follows no spring, and moves as a free body.
 _FREE_BED = 0.5
 _MOST_WAY = 1e-2  # m, of nut and support under a weight
+# Ends of the springs: coupling and torsion, support and shaft, nut, mounts.
+_SPRINGS = np.array([[1.0, -1, 0, 0, 0], [0, 0, 1, 0, -1], [0, 1, 1, -1, 0], [0, 0, 0, 0, 1]])
 
 
 def _matrices(c: Constants, place: float) -> tuple[Array, Array]:
+    """Masses, shape (5,), and stiffness matrix of motor, screw, rod, table and bed."""
     twist, axial, _, _ = stiffnesses(c, place)
     _, nut = nut_force(0.0, c.flank, pressed_at(c, place)[0])
-    stiffness = np.zeros((5, 5))
-    for rigidity, row in (
-        (twist, (1, -1, 0, 0, 0)),
-        (axial, (0, 0, 1, 0, -1)),
-        (nut, (0, 1, 1, -1, 0)),
-        (c.bed_stiffness, (0, 0, 0, 0, 1)),
-    ):
-        stiffness += rigidity * np.outer(row, row)
-    return np.diag([c.motor, c.screw, c.rod, c.table, c.bed]), stiffness
+    rigidities = np.array([twist, axial, nut, c.bed_stiffness])
+    return np.array([c.motor, c.screw, c.rod, c.table, c.bed]), (_SPRINGS.T * rigidities) @ _SPRINGS
 
 
 def compliance(c: Constants, place: float) -> float:
@@ -208,9 +203,10 @@ def _modes(c: Constants, place: float, rotor_fixed: bool, bed_blocked: bool) -> 
     """Frequencies, Hz, shape (modes,), and mass-normalised shapes, (5, modes)."""
     mass, stiffness = _matrices(c, place)
     moving = slice(1 if rotor_fixed else 0, 4 if bed_blocked else 5)
-    values, moved = eigh(stiffness[moving, moving], mass[moving, moving])
+    root = np.sqrt(mass[moving])
+    values, moved = np.linalg.eigh(stiffness[moving, moving] / np.outer(root, root))
     shapes = np.zeros((5, len(values)))
-    shapes[moving] = moved
+    shapes[moving] = moved / root[:, None]
     return np.sqrt(np.maximum(values, 0)) / (2 * math.pi), shapes
 
 
