@@ -225,17 +225,9 @@ def _filter(
                 j = i + ahead[k]
                 if j >= z.shape[1]:
                     break
-                effect = effects[member, j]
-                variance = noise[member, j] + motion[member, j] - moved
-                error = z[member, j]
-                for a in range(4):
-                    error -= effect[a] * mean[a]
-                    of_state = 0.0
-                    for b in range(4):
-                        of_state += covariance[a, b] * effect[b]
-                    variance += effect[a] * of_state
-                    if k == 0:
-                        gain[a] = of_state
+                expected, variance = _forecast(effects[member, j], mean, covariance, gain)
+                error = z[member, j] - expected
+                variance += noise[member, j] + motion[member, j] - moved
                 deviation = math.sqrt(variance)
                 errors[member, j, k], deviations[member, j, k] = error / deviation, deviation
                 if k == 0:
@@ -244,6 +236,19 @@ def _filter(
                         for b in range(4):
                             covariance[a, b] -= gain[a] * gain[b] / variance
         amplitude[0, member], amplitude[1, member] = mean[0], covariance[0, 0]
+
+
+@compiled()
+def _forecast(effect: Array, mean: Array, covariance: Array, gain: Array) -> tuple[float, float]:
+    """Mean and variance of a reading by the state alone; ``gain`` is filled with its covariance with it."""
+    expected, variance = 0.0, 0.0
+    for a in range(4):
+        gain[a] = 0.0
+        for b in range(4):
+            gain[a] += covariance[a, b] * effect[b]
+        expected += effect[a] * mean[a]
+        variance += effect[a] * gain[a]
+    return expected, variance
 
 
 def _depth(cloud: Cloud, readings: Readings) -> tuple[Array, Array]:

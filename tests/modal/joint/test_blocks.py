@@ -52,8 +52,8 @@ def test_what_a_window_leaves_out_changes_nothing(
             replace(trip, rate=trip.rate / thinned, response=trip.response[:, ::thinned], **channels)
         )
     found = []
-    for margin in (windows._FOR_DERIVATIVES, 10**6):
-        monkeypatch.setattr(windows, "_FOR_DERIVATIVES", margin)
+    for length in (windows._used_length, len):
+        monkeypatch.setattr(windows, "_used_length", length)
         w = average_windows(trips, run.transients, 1.0, 90.0, 300.0)
         assert w is not None
         for name in ("torque-nut", "motor-nut", "torque-motor"):

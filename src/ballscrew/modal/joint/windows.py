@@ -29,7 +29,7 @@ _LARGEST_SHIFT = 0.004  # error with which the start of a phase is found in the 
 _ZERO_FORCE = 0.003  # at the start of a window: the mean force of this time is subtracted
 _FILTER_SETTLES = 0.008  # at the start of a window: not fitted, since the band's filter settles
 _AFTER_SLIP = 0.005  # a departure is fitted from this time after the table begins to slide
-_FOR_DERIVATIVES = 2  # samples after the last one that is fitted: for second derivatives there
+_FOR_DERIVATIVES = 2  # samples of a window after the last one that is fitted: for second derivatives there
 _LEAST_COUNTED = 0.02  # of a window that is fitted
 _SHORTER = 0.02  # by which a transient may be shorter than the median of its cell
 
@@ -339,7 +339,7 @@ def _average(
         return None
     mean[_FORCE] -= mean[_FORCE, : max(1, round(_ZERO_FORCE * rate))].mean()
     direction = float(np.sign(mean[_SPEED].sum()))
-    used = slice(int(np.flatnonzero(from_rest)[-1]) + 1 + _FOR_DERIVATIVES)
+    used = slice(_used_length(from_rest))
     return CellWindow(
         cell,
         mean[:, used],
@@ -350,6 +350,11 @@ def _average(
         cell in reversing,
         pieces,
     )
+
+
+def _used_length(from_rest: NDArray[np.bool_]) -> int:
+    """Samples of a window up to the last one that may be fitted, and those that its derivatives need."""
+    return int(np.flatnonzero(from_rest)[-1]) + 1 + _FOR_DERIVATIVES
 
 
 def _reversing(transients: Sequence[TransientRow]) -> set[CellKey]:
@@ -392,7 +397,7 @@ def _counted_samples(
     """
     count = len(speed)
     index = np.arange(count)
-    settled = index >= round(_FILTER_SETTLES * rate)
+    settled = (index >= round(_FILTER_SETTLES * rate)) & (index < count - _FOR_DERIVATIVES)
     if condition.endswith("A"):
         magnitude = np.abs(speed)
         slip = int(np.argmax(magnitude > min(_SLIDING, _SLIDING_PART * magnitude.max())))
