@@ -188,12 +188,13 @@ def run(case: Case) -> Outcome:
     c = prepared(true.rig.machine, true.load, true.plan)
     findings: list[Finding] = []
 
-    def heard(found: Sequence[Finding]) -> Quality:
-        findings[:] = in_order(found)
-        return Quality_of(findings)
+    quality_of = Quality.of
 
-    Quality_of = Quality.of  # noqa: N806
-    with tempfile.TemporaryDirectory() as folder, patch.object(Quality, "of", heard):
+    def recorded_quality(found: Sequence[Finding], notes: Sequence[str] = ()) -> Quality:
+        findings[:] = in_order(found)
+        return quality_of(findings, notes)
+
+    with tempfile.TemporaryDirectory() as folder, patch.object(Quality, "of", recorded_quality):
         files = [Path(folder) / f"trip{index}.h5" for index in range(1, len(recorded.trips) + 1)]
         for file, channels in zip(files, recorded.trips, strict=True):
             write_trip(file, channels, recorded.rate)
