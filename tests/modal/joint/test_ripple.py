@@ -313,10 +313,10 @@ def loud(rig: Rig) -> SmallRun:
 
 
 def test_a_tone_is_not_taken_for_the_mode(loud: SmallRun, sheet: DataSheet) -> None:
-    result = identify_jointly(loud.trips, two_stops(loud).transients, sheet, LOAD)
+    result = identify_jointly(loud.trips, loud.transients, sheet, LOAD)
     off = errors(result, loud)
-    assert len(off) == 4
-    assert max(off) < 0.2
+    assert len(off) == 12
+    assert max(off) < 0.1
 
 
 @pytest.mark.slow
@@ -324,7 +324,7 @@ def test_the_second_search_is_dropped_where_it_explains_no_more(
     loud: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ripple, "CLEAR_REDUCTION", -1e9)
-    result = identify_jointly(loud.trips, two_stops(loud).transients, sheet, LOAD)
+    result = identify_jointly(loud.trips, loud.transients, sheet, LOAD)
     off = errors(result, loud)
     assert not off or max(off) > 5  # the tone
 
