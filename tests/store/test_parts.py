@@ -173,7 +173,7 @@ def test_a_run_that_a_person_includes_counts_after_newer_results_too(
 ) -> None:
     for run in (PART, whole):
         add(store, folder, run)
-    store.exclude(included, reason="so that both count", undo=True)
+    store.exclude(included, reason="the run of Monday does not count.", undo=True)
     add(store, folder, another(newer))
     assert counting(store) == {"part", "whole"}
     corrected = store.correct(newer.id, measured_at="2026-01-07T09:00Z", reason="wrong clock")

@@ -19,7 +19,7 @@ from ballscrew.store.exclusions import SERVER, end_exclusions, id_of, insert_exc
 from ballscrew.store.folder import actor, now
 from ballscrew.store.inserting import check_added, check_text, insert_run
 from ballscrew.store.opened import OpenStore, record
-from ballscrew.store.parts import REPLACED, is_part, update_parts
+from ballscrew.store.parts import is_part, update_parts
 from ballscrew.store.reading import find_axis, find_run, newest_version
 from ballscrew.store.rows import unpack
 from ballscrew.store.tables import (
@@ -276,7 +276,7 @@ def exclude(
         identity = id_of(found)
         was_part = is_part(session, identity)
         if undo or was_part:
-            end_exclusions(session, found, reason if undo else REPLACED, by)
+            end_exclusions(session, found, reason, by, decided=undo)
         if not undo:
             insert_exclusion(session, found, reason, by)
         if not (undo and was_part):  # else a person wants a part to count too

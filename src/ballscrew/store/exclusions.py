@@ -50,7 +50,13 @@ def standing_exclusions(session: Session, row: RunRow | EventRow) -> Sequence[Ex
 
 
 def end_exclusions(
-    session: Session, row: RunRow | EventRow, reason: str, by: str, actors: Sequence[str] = ()
+    session: Session,
+    row: RunRow | EventRow,
+    reason: str,
+    by: str,
+    actors: Sequence[str] = (),
+    *,
+    decided: bool = False,
 ) -> None:
     """End the exclusions of a run or an event, or only those by some actors.
 
@@ -66,6 +72,8 @@ def end_exclusions(
         Who wants it.
     actors : sequence of str
         Whose exclusions end; by default everyone's.
+    decided : bool
+        Whether a person decided that it counts; the audit has it.
     """
     found = []
     for exclusion in standing_exclusions(session, row):
@@ -73,15 +81,17 @@ def end_exclusions(
             exclusion.ended_at = now()
             found.append(exclusion)
     if found:
-        _record_counting(session, "include", row, reason, by)
+        _record_counting(session, "include", row, reason, by, decided=decided)
 
 
-def _record_counting(session: Session, action: str, row: RunRow | EventRow, reason: str, by: str) -> None:
+def _record_counting(
+    session: Session, action: str, row: RunRow | EventRow, reason: str, by: str, **detail: bool
+) -> None:
     """Mark the axis of a run or an event as changed, and record whether it counts now."""
     axis, counts = session.get_one(Axis, row.axis_id), action == "include"
     axis.changed_at = now()
     changed = {"counts": [not counts, counts]}
-    record(session, action, id_of(row), axis=axis.name, reason=reason, by=by, changed=changed)
+    record(session, action, id_of(row), axis=axis.name, reason=reason, by=by, changed=changed, **detail)
 
 
 def id_of(row: RunRow | EventRow) -> str:

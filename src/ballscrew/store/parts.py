@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection
 from itertools import pairwise
 
@@ -17,11 +16,6 @@ from ballscrew.store.tables import Audit, Axis, Exclusion, RecordingRow, RunRow
 _PART = "its recordings are a part of those of the run "
 _BAD = "is bad, and contains the recordings of the run "
 _COUNTS = ", which counts."
-REPLACED = "it is excluded for another reason."
-"""Why an exclusion ends where a person states another reason: the run does not count."""
-
-_VERDICTS = "newer results have other verdicts."
-_NO_DECISION = re.compile(f"{REPLACED}|{_VERDICTS}|the run .+ does not count.")  # that a run counts
 
 
 def exclude_parts(session: Session, axis: Axis, run: RunRow, by: str) -> None:
@@ -98,7 +92,7 @@ def recount_parts(session: Session, axis: Axis, by: str, runs: Collection[int] |
         excluded, counting = _newest(session, excluded), _newest(session, counting)
         part, whole = (excluded, counting) if is_part else (counting, excluded)
         if _part_counts(session, part, whole) == is_part:
-            end_exclusions(session, excluded, _VERDICTS, by)
+            end_exclusions(session, excluded, "newer results have other verdicts.", by)
             exclude_parts(session, axis, excluded, by)
 
 
@@ -202,7 +196,7 @@ def _last_inclusion(session: Session, run: RunRow, kind: str) -> int | None:
     last = None
     for former, row in pairwise(session.scalars(found)):
         was_excluded = former.action == "exclude" and former.detail["reason"].startswith(kind)
-        if was_excluded and row.action == "include" and not _NO_DECISION.fullmatch(row.detail["reason"]):
+        if was_excluded and row.action == "include" and row.detail.get("decided"):
             last = row.id
     return last
 
