@@ -20,12 +20,19 @@ READINGS = replace(
 )
 
 
+DUTIES = {
+    "of days": READINGS.days,
+    "in pairs": READINGS.days - READINGS.days % 2,
+    "none": np.zeros(len(READINGS.days)),
+}
+
+
+@pytest.mark.parametrize("duty", DUTIES.values(), ids=DUTIES)
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
-def test_evidence_and_forecasts_are_those_of_the_whole_covariance(family: Family) -> None:
+def test_evidence_and_forecasts_are_those_of_the_whole_covariance(family: Family, duty: np.ndarray) -> None:
     random = np.random.default_rng(1)
     z = np.zeros((MEMBERS, NUMBERS))
     z[:, family.free] = random.standard_normal((MEMBERS, len(family.free)))
-    duty = READINGS.days
     cloud = family.cloud(z, FamilyPrior(), float(duty[-1]))
     found = evidence_of(cloud, duty, READINGS)
     course, since = cloud.rate[:, None] * cloud.course(duty), cloud.since(duty)

@@ -128,7 +128,7 @@ def sample_paths(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MemberEvidence:
-    """MemberEvidence of m members by n readings.
+    """Evidence of m members by n readings.
 
     Parameters
     ----------
@@ -151,14 +151,14 @@ class MemberEvidence:
 
 
 def evidence_of(cloud: Cloud, duty: Array, readings: Readings) -> MemberEvidence:
-    """MemberEvidence of members by readings.
+    """Evidence of members by readings.
 
     Parameters
     ----------
     cloud : Cloud
         m members.
     duty : ndarray, shape (n,)
-        Duty at each reading, days.
+        Duty at each reading, days; it never falls.
     readings : Readings
         The readings.
 
@@ -301,16 +301,15 @@ def _ahead(cloud: Cloud, duty: Array, ahead: Array, readings: Readings) -> tuple
     return mean, factor[:, n:, n:]
 
 
-def _factored(covariance: Array, *rows: Array) -> tuple[Array, ...]:
-    """Cholesky factor L of m covariances, and L⁻¹ v of further rows v of shape (m, n)."""
+def _factored(covariance: Array, row: Array) -> tuple[Array, Array]:
+    """Cholesky factor L of m covariances, and L⁻¹ v of a row v of each, shape (m, n)."""
     m, n, _ = covariance.shape
-    whole = np.zeros((m, n + len(rows), n + len(rows)))
+    whole = np.zeros((m, n + 1, n + 1))
     whole[:, :n, :n] = covariance
-    for k, row in enumerate(rows, start=n):
-        whole[:, k, :n] = row  # the lower triangle alone is read
-        whole[:, k, k] = _ANY
+    whole[:, n, :n] = row  # the lower triangle alone is read
+    whole[:, n, n] = _ANY
     factor = np.linalg.cholesky(whole)
-    return factor[:, :n, :n], *(factor[:, n + k, :n] for k in range(len(rows)))
+    return factor[:, :n, :n], factor[:, n, :n]
 
 
 def _above(least: Array, uniform: Array) -> Array:
