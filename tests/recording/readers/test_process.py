@@ -81,6 +81,17 @@ def test_reading_imports_nothing_that_is_not_loaded_before(
     assert done.stdout == "[]\n"
 
 
+def test_an_uncommon_unit_in_an_hdf5_file(tmp_path: Path) -> None:
+    process.stop()  # a new server has not loaded the definitions for another file
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        file.create_dataset("x", data=np.zeros(100))
+        file.attrs["sample_rate"] = "25.6 kilohertz"
+    header, values = read(path)
+    assert header.sample_rate == pytest.approx(25600)
+    assert len(values["x"]) == 100
+
+
 def test_without_fork(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process, "_CAN_FORK", False)
     MAKERS["a.npz"](tmp_path / "a.npz")

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -24,7 +24,15 @@ from ballscrew.base.files import open_regular, regular_target
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers import reader_for
 from ballscrew.recording.readers.guard import check_size, refusing
-from ballscrew.recording.readers.server import HDF5, OTHER, SessionEndError, identity, receive, send
+from ballscrew.recording.readers.server import (
+    HDF5,
+    OTHER,
+    UNCOMMON_UNIT,
+    SessionEndError,
+    identity,
+    receive,
+    send,
+)
 
 IN_PROCESS = "BALLSCREW_IN_PROCESS"
 """Environment variable; if it is not empty, files are read in this process, for debugging."""
@@ -122,7 +130,8 @@ def _in_process(path: Path, before: list[int]) -> Iterator[OpenFile]:
         "seconds": seconds,
         "memory": _MEMORY + _MEMORY_PER_BYTE * before[2],
     }
-    with _session(path, 6 * seconds + 30) as (source, sink):
+    with ExitStack() as stack:
+        source, sink = stack.enter_context(_session(_kind_of(path), 6 * seconds + 30))
 
         def ask(message: dict[str, Any]) -> dict[str, Any]:
             try:
@@ -145,6 +154,9 @@ def _in_process(path: Path, before: list[int]) -> Iterator[OpenFile]:
                 raise _end_of_process(path, 0, seconds) from None
 
         answer = ask(request)
+        if UNCOMMON_UNIT in answer:
+            source, sink = stack.enter_context(_session(OTHER, 6 * seconds + 30))
+            answer = ask(request)
         yield OpenFile(_header(answer["header"]), str(answer["reader"]), read)
 
 
@@ -194,9 +206,16 @@ def _start(descriptor: int, **options: Any) -> subprocess.Popen[bytes]:
         ) from None
 
 
+def _kind_of(path: Path) -> bytes:
+    if not _CAN_FORK:
+        return OTHER
+    with open_regular(path, links=False) as stream:
+        return HDF5 if stream.read(len(_HDF5_SIGNATURE)) == _HDF5_SIGNATURE else OTHER
+
+
 @contextmanager
-def _session(path: Path, seconds: float) -> Iterator[tuple[BinaryIO, BinaryIO]]:
-    """Streams from and to a process that reads one file."""
+def _session(kind: bytes, seconds: float) -> Iterator[tuple[BinaryIO, BinaryIO]]:
+    """Streams from and to a process that reads one file, with the libraries for a kind."""
     if not _CAN_FORK:
         with _start(-1, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
             timer = threading.Timer(seconds, process.kill)
@@ -207,8 +226,6 @@ def _session(path: Path, seconds: float) -> Iterator[tuple[BinaryIO, BinaryIO]]:
                 timer.cancel()
                 process.kill()
         return
-    with open_regular(path, links=False) as stream:
-        kind = HDF5 if stream.read(len(_HDF5_SIGNATURE)) == _HDF5_SIGNATURE else OTHER
     with _connect(kind) as connection:
         connection.settimeout(seconds)
         with connection.makefile("rb") as source:

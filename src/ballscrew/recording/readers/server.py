@@ -23,9 +23,13 @@ import numpy as np
 
 from ballscrew.base.errors import BallscrewError, InputError
 from ballscrew.base.files import open_regular
+from ballscrew.base.units import NoDefinitionsError, conversion_by_pint
 
 HDF5, OTHER = b"h", b"o"
-"""Kinds of file, sent with the socket of a session: HDF5 needs the fewest libraries."""
+"""Kinds of file, sent with the socket of a session: HDF5 with common units needs the fewest libraries."""
+
+UNCOMMON_UNIT = "uncommon unit"
+"""Answer of a session for HDF5 that needs the definitions of pint: one for another kind has them."""
 
 _LARGEST_MESSAGE = 1 << 28  # bytes
 _CODECS = ("utf-8", "utf-16", "utf-32", "latin-1", "ascii", "unicode_escape", "idna", "cp437")
@@ -85,10 +89,8 @@ def _preload(kind: bytes) -> None:
     import encodings
     import heapq  # noqa: F401  by Counter.most_common
 
-    from ballscrew.base.units import conversion_by_pint
     from ballscrew.recording.readers import hdf5, readers  # noqa: F401  hdf5 is the first that is asked
 
-    conversion_by_pint("Hz", "Hz")
     for codec in _CODECS:
         encodings.search_function(codec)
     if kind == HDF5:
@@ -96,6 +98,7 @@ def _preload(kind: bytes) -> None:
     import pandas as pd
 
     readers()
+    conversion_by_pint("Hz", "Hz")
     pd.read_csv(BytesIO(b"1\n"), encoding="latin-1")
 
 
@@ -159,6 +162,8 @@ def _reap(sessions: dict[int, socket.socket]) -> None:
 def _session(source: BinaryIO, sink: BinaryIO) -> None:
     try:
         _read_file(source, sink)
+    except NoDefinitionsError:
+        send(sink, {UNCOMMON_UNIT: True})
     except BallscrewError as error:
         send(sink, {"error": str(error)})
     except (OSError, SessionEndError):  # the other side has gone
