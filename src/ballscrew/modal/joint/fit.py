@@ -26,6 +26,7 @@ from ballscrew.modal.joint.parameters import (
     MODE_FIELDS,
     Modes,
     Parameter,
+    limits_of,
     modes_with,
     read_parameter,
 )
@@ -192,7 +193,7 @@ class _Problem:
     def minimised(self, modes: Sequence[AxialMode], most_steps: int, least_gain: float) -> _State:
         """The state at the end of the iteration that begins with these modes."""
         given = tuple(modes[b.mode_index] for b in self.blocks)
-        values = self.read(given)
+        values = np.clip(self.read(given), *limits_of(self.parameters))
         first = modes_with(given, self.blocks, self.parameters, values)
         state = self._solved(first, values, raw_columns_of(self.blocks, first), 0)
         damping = _FIRST_DAMPING
@@ -226,7 +227,7 @@ class _Problem:
     def _damped_step(
         self, now: JointFit, values: Array, cost: float, damping: float
     ) -> tuple[Array, list[Array], float, float] | None:
-        """The first step that lowers the cost, with ever more damping.
+        """The first step that lowers the cost, with ever more damping; not across a limit of a parameter.
 
         Returns values, raw columns, damping of the next step, and the reduction of the cost; None if no step
         lowers it.
@@ -236,10 +237,13 @@ class _Problem:
         for jacobian, residual in zip(now.jacobian, now.residual, strict=True):
             descent += jacobian.T @ residual
         descent -= self.prior_rows.T @ (self.prior_rows @ values - self.prior_values)
+        low, high = limits_of(self.parameters)
+        free = ~((values <= low) & (descent < 0) | (values >= high) & (descent > 0))
+        hessian, change = now.hessian[np.ix_(free, free)], np.zeros(len(values))
         for _ in range(_TRIALS):
-            damped = now.hessian + damping * np.diag(np.diag(now.hessian) + 1e-12)
-            change = np.linalg.solve(damped, descent)
-            trial = values + np.clip(change, -_LONGEST_STEP, _LONGEST_STEP)
+            damped = hessian + damping * np.diag(np.diag(hessian) + 1e-12)
+            change[free] = np.linalg.solve(damped, descent[free])
+            trial = np.clip(values + np.clip(change, -_LONGEST_STEP, _LONGEST_STEP), low, high)
             raw = raw_columns_of(self.blocks, modes_with(now.modes, self.blocks, self.parameters, trial))
             powers = []
             for b, columns, solved, weight in zip(self.blocks, raw, now.solved, weights, strict=True):

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import ROTOR_FREE, ROTOR_HELD, Block
 from ballscrew.modal.joint.mode import AxialMode
@@ -37,6 +39,19 @@ _LIMITS = {
 _LOCAL_LIMITS = (-0.8, 20.0)  # over the compliance in the middle
 
 
+def limits_of(parameters: Sequence[Parameter]) -> Array:
+    """Least and largest values of parameters, shape (2, parameters); logarithms for logarithmic fields."""
+    out = np.empty((2, len(parameters)))
+    for k, (field, _) in enumerate(parameters):
+        limits = _LIMITS.get(field, (-math.inf, math.inf))
+        if field.startswith(LOCAL):
+            limits = _LOCAL_LIMITS
+        elif field in _LOGARITHMIC and field in _LIMITS:
+            limits = math.log(limits[0]), math.log(limits[1])
+        out[:, k] = limits
+    return out
+
+
 def stop_of(field: str) -> int:
     """Index of the stop of a field ``local:…``."""
     return int(field.removeprefix(LOCAL))
@@ -53,7 +68,7 @@ def read_parameter(mode: AxialMode, field: str) -> float:
 def modes_with(
     modes: Modes, blocks: Sequence[Block], parameters: Sequence[Parameter], values: Array
 ) -> Modes:
-    """Modes with these values of the parameters, within their limits."""
+    """Modes with these values of the parameters."""
     out = []
     for mode, b in zip(modes, blocks, strict=True):
         changes: dict[str, Any] = {}
@@ -62,12 +77,9 @@ def modes_with(
             if index is not None and index != b.mode_index:
                 continue
             if field.startswith(LOCAL):
-                local[stop_of(field)] = min(max(value, _LOCAL_LIMITS[0]), _LOCAL_LIMITS[1])
-                continue
-            if field in _LOGARITHMIC:
-                value = math.exp(value)
-            low, high = _LIMITS.get(field, (-math.inf, math.inf))
-            changes[field] = min(max(value, low), high)
+                local[stop_of(field)] = value
+            else:
+                changes[field] = math.exp(value) if field in _LOGARITHMIC else value
         out.append(replace(mode, local=tuple(local), **changes))
     return with_rotor_parts(blocks, out)
 

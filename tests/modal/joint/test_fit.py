@@ -1,0 +1,73 @@
+"""The iteration of a fit, and limits of its parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.modal.joint.conftest import SmallRun
+
+from ballscrew.modal.joint import parameters
+from ballscrew.modal.joint.blocks import Block, make_block
+from ballscrew.modal.joint.fit import JointFit, Prior, fit_blocks
+from ballscrew.modal.joint.initial import total_inertia
+from ballscrew.modal.joint.mode import AxialMode, compliance_of
+from ballscrew.modal.joint.parameters import limits_of
+from ballscrew.modal.joint.windows import average_windows
+
+FIELDS = ("compliance", "damping", "slope")
+WIDE = 50.0
+PRIOR = [Prior((("power", 1.0),), 0.5, 0.7)]
+
+
+@pytest.fixture(scope="module")
+def blocks(run: SmallRun) -> list[Block]:
+    mass = total_inertia(run.trips)
+    assert mass is not None
+    w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
+    assert w is not None
+    return [make_block("torque-nut", w)]
+
+
+def initial(run: SmallRun, power: float) -> AxialMode:
+    middle = float(np.mean(list(run.free.values())))
+    return AxialMode(compliance_of(middle), 0.3, 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03, power=power)
+
+
+@pytest.fixture(scope="module")
+def free(run: SmallRun, blocks: list[Block]) -> JointFit:
+    """The fit with wide limits of the power."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(parameters._LIMITS, "power", (-WIDE, WIDE))
+        return fit_blocks(blocks, [initial(run, 0.0)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("start", [-1.9, 1.9])
+def test_a_limit_is_reached_and_the_other_parameters_are_as_with_the_field_at_it(
+    run: SmallRun,
+    blocks: list[Block],
+    free: JointFit,
+    side: int,
+    start: float,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert abs(free.modes[0].power) < WIDE
+    limit = free.modes[0].power + 0.3 * side
+    limits = (limit, WIDE) if side > 0 else (-WIDE, limit)
+    monkeypatch.setitem(parameters._LIMITS, "power", limits)
+    found = fit_blocks(blocks, [initial(run, start)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
+    there = fit_blocks(blocks, [initial(run, limit)], FIELDS, (), 30, 1e-12)
+    assert found.modes[0].power == limit
+    assert found.log_residual > free.log_residual
+    for field in FIELDS:
+        assert getattr(found.modes[0], field) == pytest.approx(getattr(there.modes[0], field), rel=1e-4)
+
+
+def test_limits_are_those_of_the_parameters() -> None:
+    """Logarithms for fields whose logarithm is fitted; the values of limits are modes at the limits."""
+    which = [("damping", 0), ("power", None), ("slope", 0), ("local:0", None)]
+    low, high = limits_of(which)
+    np.testing.assert_allclose(np.exp([low[0], high[0]]), (1e-3, 0.5))
+    assert (low[1], high[1], low[3], high[3]) == (-2.0, 2.0, -0.8, 20.0)
+    assert np.isinf(low[2])
+    assert np.isinf(high[2])
