@@ -219,7 +219,7 @@ def report_bad_measurement(
             return
     if standing is None and reasons and _is_good_after(session, axis, at, is_dated):
         return
-    _set_trouble(session, axis, MEASUREMENT, at if reasons else None, _joined(reasons))
+    _change_trouble(session, axis, standing, MEASUREMENT, at if reasons else None, _joined(reasons))
 
 
 def _joined(reasons: Sequence[str]) -> str:
@@ -261,7 +261,13 @@ def report_refused_assessment(session: Session, axis: Axis, reason: str | None) 
 
 def _set_trouble(session: Session, axis: Axis, kind: str, began_at: str | None, text: str = "") -> bool:
     """Raise a trouble, or end it where ``began_at`` is None; whether something changed."""
-    standing = _standing(session, axis, kind)
+    return _change_trouble(session, axis, _standing(session, axis, kind), kind, began_at, text)
+
+
+def _change_trouble(
+    session: Session, axis: Axis, standing: Trouble | None, kind: str, began_at: str | None, text: str
+) -> bool:
+    """As :func:`_set_trouble`, given the trouble that stands."""
     if standing is not None and began_at is not None:
         if not _is_another(session, standing, began_at, text):
             standing.text = text

@@ -56,7 +56,7 @@ def enqueue(session: Session, kind: str, argument: str) -> None:
     kind, argument : str
         What is to be done; one job of each at a time.
     """
-    row = session.scalar(select(JobRow).where(JobRow.kind == kind, JobRow.argument == argument))
+    row = _find_job(session, kind, argument)
     if row is None:
         row = JobRow(kind=kind, argument=argument, priority=PRIORITIES[kind], created_at=now())
         session.add(row)
@@ -67,8 +67,15 @@ def enqueue(session: Session, kind: str, argument: str) -> None:
     session.flush()
 
 
+def _find_job(session: Session, kind: str, argument: str) -> JobRow | None:
+    return session.scalar(select(JobRow).where(JobRow.kind == kind, JobRow.argument == argument))
+
+
 def request_assessment(session: Session, axis: Axis) -> None:
     """Add the job that assesses an axis, once it has a model and a run with a time."""
+    row = _find_job(session, ASSESS, axis.name)
+    if row is not None and not row.set_aside:  # it waits
+        return
     model = select(Model.digest).where(Model.axis_id == axis.id).limit(1)
     run = select(RunRow.id).where(RunRow.axis_id == axis.id, RunRow.time.is_not(None)).limit(1)
     if session.scalar(model) is not None and session.scalar(run) is not None:

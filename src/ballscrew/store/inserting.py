@@ -103,6 +103,7 @@ def insert_run(session: Session, run: Run, revision: int) -> Added:
     row = session.scalar(select(RunRow).where(RunRow.run == run.id))
     content = pack(document)
     notes: tuple[str, ...] = ()
+    is_new = row is None
     if row is None:
         check_recordings(session, RecordedRun.of(run, str(run.axis)))
         notes = _notes(session, run)
@@ -111,9 +112,8 @@ def insert_run(session: Session, run: Run, revision: int) -> Added:
     if (axis.name, row.measured_at, row.mass_kg) != (run.axis, run.measured_at, run.mass_kg):
         return _conflict(session, run, content)
     method = method_row(session, run, revision)
-    known = session.scalar(
-        select(ResultRow).where(ResultRow.run_id == row.id, ResultRow.method_id == method.id)
-    )
+    of_method = (ResultRow.run_id == row.id, ResultRow.method_id == method.id)
+    known = None if is_new else session.scalar(select(ResultRow).where(*of_method))
     if known is not None:
         if _agree(_content(unpack(known.document)), _content(document)):
             return Added("run", run.id, axis.name, is_new=False)
