@@ -18,7 +18,7 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Event
 from ballscrew.prognosis.monitor import monitor
 from ballscrew.store.adding import add_events, add_model, add_run
-from ballscrew.store.assessing import _state_rows
+from ballscrew.store.assessment_rows import _state_rows
 from ballscrew.store.histories import _prefixes, read_stored_history, settings_of
 from ballscrew.store.store import Store
 from ballscrew.store.tables import CheckpointRow, EpochRow, StateRow

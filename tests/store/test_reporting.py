@@ -238,7 +238,7 @@ def test_a_state_of_a_run_in_the_future_is_unknown(plant: Store, tmp_path: Path)
 def test_a_picture_is_drawn_only_of_the_assessment_that_is_stored(
     plant: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ballscrew.store.assessing.__version__", "another")
+    monkeypatch.setattr("ballscrew.store.assessment_rows.__version__", "another")
     page = page_of(plant, tmp_path, "bench")
     assert "Preload of every run" not in page
     assert "which is not of the present history" in page

@@ -28,7 +28,8 @@ from ballscrew.service.counting import doubts_of
 from ballscrew.service.jobs import Lease
 from ballscrew.service.runs import QUEUED, REFUSED, SET_ASIDE, document_texts, store_result
 from ballscrew.service.serving import FULL, UNAVAILABLE, RefusedError, Service
-from ballscrew.store.assessing import MadeAssessment, compute_assessment, store_assessment
+from ballscrew.store.assessing import compute_assessment
+from ballscrew.store.assessment_rows import MadeAssessment, store_assessment
 from ballscrew.store.folder import now
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.reading import find_axis
