@@ -44,6 +44,27 @@ def test_every_cell_has_the_true_frequency_within_its_uncertainty(result: JointR
     assert spread.max() < 1.0
 
 
+def test_steps_of_the_torque_add_an_error_of_all_cells_and_a_larger_one_at_the_ends(
+    run: SmallRun, sheet: DataSheet, result: JointResult
+) -> None:
+    """Both as large as the amplitude of the rounding; the frequencies stay."""
+    added = []
+    for rounding in (2.5e-9, 1e-8):  # 3e-12 by the sensor
+        trips = tuple(replace(trip, rounding=rounding) for trip in run.trips)
+        coarse = identify_jointly(trips, run.transients, sheet, LOAD)
+        shares = {}
+        for cell, fine in zip(coarse.cells, result.cells, strict=True):
+            assert cell.frequency_Hz is not None
+            assert cell.frequency_Hz == fine.frequency_Hz
+            larger = math.sqrt(cell.standard_uncertainty_Hz**2 - fine.standard_uncertainty_Hz**2)
+            shares[cell.position_m] = larger / cell.frequency_Hz
+        added.append(np.array([shares[x] for x in sorted(shares)]))
+    small, large = added
+    np.testing.assert_allclose(large, 2 * small, rtol=1e-6)
+    np.testing.assert_allclose(small, small[::-1], rtol=0.05)  # about the middle of the stops
+    assert small[0] > 1.5 * small[1] > 0
+
+
 def test_the_sheet_starts_the_search_and_does_not_decide_it(
     run: SmallRun, sheet: DataSheet, result: JointResult
 ) -> None:
