@@ -7,7 +7,7 @@ import re
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from ballscrew.base.errors import BallscrewError, InputError, shown
+from ballscrew.base.errors import InputError, shown
 
 if TYPE_CHECKING:
     import pint
@@ -91,20 +91,20 @@ def conversion(unit: str, to: str) -> tuple[float, float]:
     return conversion_by_pint(unit, to)
 
 
-class NoDefinitionsError(BallscrewError):
+class NoDefinitionsError(InputError):
     """The definitions of uncommon units cannot be loaded in this process."""
 
 
 def conversion_by_pint(unit: str, to: str) -> tuple[float, float]:
     """As :func:`conversion`, of any unit; NoDefinitionsError in a process that may open no further file."""
+    if len(unit) > _LONGEST or _WILD_POWER.search(_spelled(unit).replace("**", "^")):
+        raise InputError(f"the unit {unit[:_LONGEST]!r} is not known")
     try:
         import pint
 
         registry = _registry()
     except (ImportError, OSError) as error:
         raise NoDefinitionsError(f"the unit {unit!r} needs pint, which cannot be loaded") from error
-    if len(unit) > _LONGEST or _WILD_POWER.search(_spelled(unit).replace("**", "^")):
-        raise InputError(f"the unit {unit[:_LONGEST]!r} is not known")
     if not unit.isascii() and _spelled(unit) == unit:
         unit = unit.replace("µ", "u").replace("μ", "u")
     try:

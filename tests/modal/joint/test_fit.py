@@ -63,6 +63,17 @@ def test_a_limit_is_reached_and_the_other_parameters_are_as_with_the_field_at_it
         assert getattr(found.modes[0], field) == pytest.approx(getattr(there.modes[0], field), rel=1e-4)
 
 
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_limit_at_which_a_fit_begins_is_left(
+    run: SmallRun, blocks: list[Block], free: JointFit, side: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin = free.modes[0].power + 0.5 * side
+    limits = (-WIDE, begin) if side > 0 else (begin, WIDE)
+    monkeypatch.setitem(parameters._LIMITS, "power", limits)
+    found = fit_blocks(blocks, [initial(run, begin)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
+    assert found.modes[0].power == pytest.approx(free.modes[0].power, abs=0.01)
+
+
 def test_limits_are_those_of_the_parameters() -> None:
     """Logarithms for fields whose logarithm is fitted; the values of limits are modes at the limits."""
     which = [("damping", 0), ("power", None), ("slope", 0), ("local:0", None)]

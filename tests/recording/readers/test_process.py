@@ -66,6 +66,7 @@ def test_reading_imports_nothing_that_is_not_loaded_before(
     program = (
         "import sys; from pathlib import Path; from ballscrew.recording.readers import reader_for, server\n"
         f"server._preload(server.{kind}); loaded = set(sys.modules)\n"
+        f"assert ('pint' in loaded) == (server.{kind} == server.OTHER)\n"
         "for path in Path(sys.argv[1]).iterdir():\n"
         "    reader = reader_for(path)\n"
         "    reader.read(path, [channel.name for channel in reader.read_header(path).channels])\n"

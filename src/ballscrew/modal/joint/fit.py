@@ -239,6 +239,8 @@ class _Problem:
         descent -= self.prior_rows.T @ (self.prior_rows @ values - self.prior_values)
         low, high = limits_of(self.parameters)
         free = ~((values <= low) & (descent < 0) | (values >= high) & (descent > 0))
+        if not free.any():
+            return None
         hessian, change = now.hessian[np.ix_(free, free)], np.zeros(len(values))
         for _ in range(_TRIALS):
             damped = hessian + damping * np.diag(np.diag(hessian) + 1e-12)

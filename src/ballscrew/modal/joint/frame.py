@@ -37,7 +37,8 @@ _ROTOR_PART = 0.6  # of the total inertia, where only one of the two frequencies
 # A frame must lower the log residual by this and be damped less, against a fit of the pitching mode alone,
 # which is fitted with a frame. On ten random axes in 16 worlds without a frame, fits find reductions of 0.06
 # at most; with frames of 4 to 20 times the moving mass, 0.12 at least in the runs where one is found. On the
-# independent bench, which has none, they find 0.001. The damping ratios of machines are 0.1 at most.
+# independent bench, which has none, three trips find 0.001; single trips find up to 1, with frames of more
+# than 100 times the moving mass. The damping ratios of machines are 0.1 at most.
 _LEAST_REDUCTION, _MOST_DAMPING = 0.09, 0.15
 # Mass of the frame over the moving mass. With a wrong sheet a fit on that bench finds a frame of 73 times the
 # moving mass, a reduction of 0.11 and a damping ratio of 0.06.

@@ -262,12 +262,10 @@ def select_orders(
     least = max(_LEAST_POWER, _CHANCE / independent) * float(np.sum(residual**2))
     forces = harmonics.reshape(len(harmonics), 2 * count)
     with_ripple = make_block(name, w, from_rest=from_rest, ripple=forces)
-    columns = whiten(b, ripple_columns(with_ripple, mode), solved.free)
+    columns = solved.without_columns(whiten(b, ripple_columns(with_ripple, mode), solved.free))
     # Columns of one order: cosine and sine, in the band and through the mode.
     of_order = np.arange(columns.shape[1]).reshape(-1, count, 2).transpose(1, 0, 2).reshape(count, -1)
-    explained = solved.to_basis.T @ (solved.columns.T @ columns)  # by the columns of the block
-    # All that the selection needs.
-    products, correlation = columns.T @ columns - explained.T @ explained, columns.T @ residual
+    products, correlation = columns.T @ columns, columns.T @ residual  # all that the selection needs
     lowest = math.ceil(w.band.low * lead / float(np.abs(w.speed).max()))
     candidates = set(range(lowest, count + 1))
     found: list[int] = []
@@ -284,8 +282,8 @@ def select_orders(
         candidates.remove(best + 1)
         at = of_order[best]
         # Gram and Schmidt: the other columns without their parts along those of the order.
-        projection, weights = bases[best].T @ products[at], bases[best].T @ correlation[at]
-        products, correlation = products - projection.T @ projection, correlation - projection.T @ weights
+        projection, explained = bases[best].T @ products[at], bases[best].T @ correlation[at]
+        products, correlation = products - projection.T @ projection, correlation - projection.T @ explained
     return tuple(sorted(found))
 
 

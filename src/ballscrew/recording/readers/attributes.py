@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.units import parse
+from ballscrew.base.units import NoDefinitionsError, parse
 
 RATES = ("sample_rate", "samplerate", "sampling_rate", "sampling_frequency", "sample_frequency", "fs", "rate")
 _INTERVALS = ("dt", "wf_increment", "sample_interval")
@@ -35,6 +35,8 @@ def _number_of(value: Any, unit: str) -> float | None:
         array = np.asarray(value)
         if array.size == 1 and array.dtype.kind in "iuf":
             return float(array.reshape(-1)[0])
+    except NoDefinitionsError:
+        raise
     except (InputError, ValueError, TypeError):
         pass
     return None

@@ -157,6 +157,8 @@ def _in_process(path: Path, before: list[int]) -> Iterator[OpenFile]:
         if UNCOMMON_UNIT in answer:
             source, sink = stack.enter_context(_session(OTHER, 6 * seconds + 30))
             answer = ask(request)
+        if "header" not in answer:
+            raise _end_of_process(path, 0, seconds)
         yield OpenFile(_header(answer["header"]), str(answer["reader"]), read)
 
 
