@@ -10,7 +10,10 @@ import pytest
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.schedule import trips
 from ballscrew.modal.cell import TransientRow
+from ballscrew.modal.joint.blocks import Block, make_block
+from ballscrew.modal.joint.initial import total_inertia
 from ballscrew.modal.joint.signals import TripSignals, complete_transients, trip_signals
+from ballscrew.modal.joint.windows import average_windows
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases
@@ -69,6 +72,16 @@ def rig() -> Rig:
 def run(rig: Rig) -> SmallRun:
     """Three trips."""
     return small_run(rig)
+
+
+@pytest.fixture(scope="session")
+def blocks(run: SmallRun) -> list[Block]:
+    """Blocks of the run without whitening."""
+    mass = total_inertia(run.trips)
+    assert mass is not None
+    w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
+    assert w is not None
+    return [make_block(name, w) for name in ("torque-nut", "motor-nut", "torque-motor")]
 
 
 @pytest.fixture(scope="session")

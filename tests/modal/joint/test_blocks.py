@@ -21,18 +21,8 @@ from ballscrew.modal.joint.blocks import (
     whiten,
     with_whitening,
 )
-from ballscrew.modal.joint.initial import total_inertia
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
 from ballscrew.modal.joint.windows import average_windows
-
-
-@pytest.fixture(scope="module")
-def blocks(run: SmallRun) -> list[Block]:
-    mass = total_inertia(run.trips)
-    assert mass is not None
-    w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
-    assert w is not None
-    return [make_block(name, w) for name in ("torque-nut", "motor-nut", "torque-motor")]
 
 
 def shape(middle: float) -> AxialMode:

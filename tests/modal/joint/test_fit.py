@@ -7,25 +7,14 @@ import pytest
 from tests.modal.joint.conftest import SmallRun
 
 from ballscrew.modal.joint import parameters
-from ballscrew.modal.joint.blocks import Block, make_block
+from ballscrew.modal.joint.blocks import Block
 from ballscrew.modal.joint.fit import JointFit, Prior, fit_blocks
-from ballscrew.modal.joint.initial import total_inertia
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
 from ballscrew.modal.joint.parameters import limits_of
-from ballscrew.modal.joint.windows import average_windows
 
 FIELDS = ("compliance", "damping", "slope")
 WIDE = 50.0
 PRIOR = [Prior((("power", 1.0),), 0.5, 0.7)]
-
-
-@pytest.fixture(scope="module")
-def blocks(run: SmallRun) -> list[Block]:
-    mass = total_inertia(run.trips)
-    assert mass is not None
-    w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
-    assert w is not None
-    return [make_block("torque-nut", w)]
 
 
 def initial(run: SmallRun, power: float) -> AxialMode:
@@ -38,7 +27,7 @@ def free(run: SmallRun, blocks: list[Block]) -> JointFit:
     """The fit with wide limits of the power."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(parameters._LIMITS, "power", (-WIDE, WIDE))
-        return fit_blocks(blocks, [initial(run, 0.0)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
+        return fit_blocks(blocks[:1], [initial(run, 0.0)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -55,8 +44,8 @@ def test_a_limit_is_reached_and_the_other_parameters_are_as_with_the_field_at_it
     limit = free.modes[0].power + 0.3 * side
     limits = (limit, WIDE) if side > 0 else (-WIDE, limit)
     monkeypatch.setitem(parameters._LIMITS, "power", limits)
-    found = fit_blocks(blocks, [initial(run, start)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
-    there = fit_blocks(blocks, [initial(run, limit)], FIELDS, (), 30, 1e-12)
+    found = fit_blocks(blocks[:1], [initial(run, start)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
+    there = fit_blocks(blocks[:1], [initial(run, limit)], FIELDS, (), 30, 1e-12)
     assert found.modes[0].power == limit
     assert found.log_residual > free.log_residual
     for field in FIELDS:
@@ -70,7 +59,7 @@ def test_a_limit_at_which_a_fit_begins_is_left(
     begin = free.modes[0].power + 0.5 * side
     limits = (-WIDE, begin) if side > 0 else (begin, WIDE)
     monkeypatch.setitem(parameters._LIMITS, "power", limits)
-    found = fit_blocks(blocks, [initial(run, begin)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
+    found = fit_blocks(blocks[:1], [initial(run, begin)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
     assert found.modes[0].power == pytest.approx(free.modes[0].power, abs=0.01)
 
 
