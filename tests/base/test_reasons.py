@@ -141,7 +141,7 @@ def test_no_template_is_without_a_sentence() -> None:
     """A sentence that was changed in the code is to be changed in the catalogue."""
     source = {text for name in producers() | OF_PARTS for text in literals(name)}
     source |= {text for name in OF_ERRORS for text in literals(name, with_errors=True)}
-    joined = "\0".join(source)
+    joined = "\0" + "\0".join(sorted(source)) + "\0"
 
     def ends(piece: str) -> bool:
         """Whether it is one literal or several, of which the last may go on."""
