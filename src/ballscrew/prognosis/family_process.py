@@ -215,8 +215,8 @@ def _filter(
     mean, gain, covariance = np.empty(4), np.empty(4), np.empty((4, 4))
     for member in range(z.shape[0]):
         mean[:] = 0.0
-        covariance[:] = np.eye(4)
-        covariance[1, 1] = 0.0
+        covariance[:] = 0.0  # by a scalar: assignment of a matrix takes seconds to compile
+        covariance[0, 0] = covariance[2, 2] = covariance[3, 3] = 1.0
         moved = 0.0
         for i in range(z.shape[1]):
             covariance[1, 1] += motion[member, i] - moved

@@ -84,10 +84,8 @@ class AxisHistory:
     template: Template | None
 
 
-def make_history(
-    axis: PlantAxis, present: datetime, seed: int, folder: Path, template: Template | None = None
-) -> AxisHistory:
-    """Simulate the recordings of an axis, analyse some of them, and imitate the other tests.
+def record_tests(axis: PlantAxis, present: datetime, seed: int, folder: Path) -> dict[int, Path]:
+    """Simulate the recordings of an axis.
 
     Parameters
     ----------
@@ -99,6 +97,37 @@ def make_history(
         Of the plant.
     folder : Path
         Folder for the recordings.
+
+    Returns
+    -------
+    dict of int to Path
+        RUN.toml of each recorded test, by its week.
+    """
+    recordings = {}
+    for week in sorted({*axis.recorded, *axis.templates}):
+        recordings[week] = _record(axis, week, present, seed, folder / f"week-{week}")
+    return recordings
+
+
+def make_history(
+    axis: PlantAxis,
+    present: datetime,
+    seed: int,
+    recordings: dict[int, Path],
+    template: Template | None = None,
+) -> AxisHistory:
+    """Analyse some recordings of an axis, and imitate the other tests.
+
+    Parameters
+    ----------
+    axis : PlantAxis
+        The axis.
+    present : datetime
+        Present time, at which the history ends.
+    seed : int
+        Of the plant.
+    recordings : dict of int to Path
+        As from :func:`record_tests`.
     template : tuple of (Run, TrueState), optional
         Run that the first tests imitate, by default that of the first one of the axis.
 
@@ -107,9 +136,6 @@ def make_history(
     AxisHistory
         Runs, recordings and model.
     """
-    recordings: dict[int, Path] = {}
-    for week in sorted({*axis.recorded, *axis.templates}):
-        recordings[week] = _record(axis, week, present, seed, folder / f"week-{week}")
     runs: dict[int, Run] = {}
     first = None
     for week in axis.weeks:

@@ -8,7 +8,7 @@ import shutil
 import signal
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
 
+import numpy as np
 from sqlalchemy import select
 
 from ballscrew.axis.sheet_file import axis_toml
@@ -25,9 +26,12 @@ from ballscrew.base.provenance import hash_file
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.fcft.planfile import plan_toml
 from ballscrew.modal.run import Run
+from ballscrew.monitoring.detection.design import design_of
+from ballscrew.monitoring.detection.limits import compute_limits
+from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import moment
 from ballscrew.reproduction.plant import CHANNELS, PLANT, SITE, PlantAxis
-from ballscrew.reproduction.plant_runs import AxisHistory, Template, make_history
+from ballscrew.reproduction.plant_runs import AxisHistory, Template, make_history, record_tests
 from ballscrew.service.access import Caller
 from ballscrew.service.alarms import Action, act, watch_for_silence
 from ballscrew.service.axes import AxisSetup, NewEvent, Schedule, add_axis_events, add_axis_model, set_up_axis
@@ -179,37 +183,57 @@ def make_plant(
 def _make_histories(
     pool: ProcessPoolExecutor, axes: Sequence[PlantAxis], present: datetime, seed: int, folder: Path
 ) -> Iterator[AxisHistory]:
-    """Histories of the axes, as they come."""
-    alike: dict[str, list[PlantAxis]] = {axis.name: [] for axis in axes}
+    """Histories of the axes, as they come.
+
+    In a new installation the first analysis compiles for as long as all other tests take to simulate: one
+    process does the one, another the other, and other axes are analysed after the first.
+    """
+    followers: dict[str, list[PlantAxis]] = {axis.name: [] for axis in axes}
     own = []
     for axis in axes:
-        if axis.like in alike:
-            alike[axis.like].append(axis)
+        if axis.like in followers:
+            followers[axis.like].append(axis)
         else:
             own.append(replace(axis, like=None))
+    # Those first that others wait for, and those with the most analyses, so that both processes end together.
+    first, *rest = sorted(own, key=lambda axis: (-len(followers[axis.name]), -axis.effort))
+    followers[first.name] += rest
+    recorded: dict[str, Future[dict[int, Path]]] = {}
     finished: SimpleQueue[Future[AxisHistory]] = SimpleQueue()
 
-    def submit(axis: PlantAxis, template: Template | None) -> None:
-        future = pool.submit(make_history, axis, present, seed, folder / axis.name, template)
+    def record(axis: PlantAxis) -> None:
+        recorded[axis.name] = pool.submit(record_tests, axis, present, seed, folder / axis.name)
+
+    def analyse(axis: PlantAxis, template: Template | None, recordings: Future[dict[int, Path]]) -> None:
+        try:
+            future = pool.submit(make_history, axis, present, seed, recordings.result(), template)
+        except Exception as error:  # noqa: BLE001  the main process waits for a result of each axis
+            future = Future()
+            future.set_exception(error)
         future.add_done_callback(partial(complete, axis))
 
     def complete(axis: PlantAxis, future: Future[AxisHistory]) -> None:
         finished.put(future)
-        if future.cancelled() or future.exception() is not None:
-            return
-        for other in alike[axis.name]:
-            try:
-                submit(other, future.result().template)
-            except Exception as error:  # noqa: BLE001  the main process waits for a result of each axis
-                failed: Future[AxisHistory] = Future()
-                failed.set_exception(error)
-                finished.put(failed)
+        if not future.cancelled() and future.exception() is None:
+            for other in followers[axis.name]:
+                template = future.result().template if other.like else None
+                recorded[other.name].add_done_callback(partial(analyse, other, template))
 
-    # Those first that others wait for, and those with the most analyses, so that both processes end together.
-    for axis in sorted(own, key=lambda axis: (-len(alike[axis.name]), -axis.effort)):
-        submit(axis, None)
+    record(first)
+    _compile_detection()
+    wait([recorded[first.name]])
+    analyse(first, None, recorded[first.name])
+    for followed in followers.values():
+        for axis in followed:
+            record(axis)
     for _ in axes:
         yield finished.get().result()
+
+
+def _compile_detection() -> None:
+    """Compile the loops of the detection, which takes a while in a new installation."""
+    days = np.arange(8.0)
+    compute_limits(design_of(days, 0.003 + 0 * days, 20 + 0 * days, (), MonitorSettings(draws=1000)))
 
 
 @contextmanager

@@ -35,6 +35,7 @@ def rung(
         np.full(len(drive), constant),
         np.empty((len(drive), 0)),
         np.array([0, len(drive)]),
+        np.array([0]),
         shape,
         SOFTENING,
         band.numerator,
@@ -119,13 +120,25 @@ def test_what_pushes_besides_moves_the_table_as_the_drive_does() -> None:
     shape = np.array([1 / (2 * math.pi * 150) ** 2, -0.3, 0.1, 0.03, 0.0, 0.4, 1.0, 0.0, 0.0, 0.0])
     place = np.linspace(-0.2, 0.3, 400)
     still = np.zeros(400)
-    first = np.array([0, 170, 400])
+    first, order = np.array([0, 170, 400]), np.array([1, 0])
 
     def moved(force: np.ndarray, pushes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         out, beside = np.empty(400), np.empty(pushes.shape)
         sections = (band.numerator, band.denominator)
         simulate_mode(
-            force, place, still, still, pushes, first, shape, SOFTENING, *sections, 1 / RATE, out, beside
+            force,
+            place,
+            still,
+            still,
+            pushes,
+            first,
+            order,
+            shape,
+            SOFTENING,
+            *sections,
+            1 / RATE,
+            out,
+            beside,
         )
         return out, beside
 
@@ -146,7 +159,7 @@ def test_a_push_meets_the_spring_as_the_drive_leaves_it() -> None:
         shape = np.array([1 / (2 * math.pi * 150) ** 2, 0.0, 0.0, 0.03, load, 0.4, 1.0, 0.0, 0.0, 0.0])
         out, moved = np.empty(600), np.empty((600, 1))
         sections = (band.numerator, band.denominator)
-        rest = (np.array([0, 600]), shape, SOFTENING, *sections, 1 / RATE, out, moved)
+        rest = (np.array([0, 600]), np.array([0]), shape, SOFTENING, *sections, 1 / RATE, out, moved)
         simulate_mode(drive, still, still, still, drive[:, None].copy(), *rest)
         assert moved[:, 0] == pytest.approx(out, abs=1e-9)
         answers.append(moved[:, 0])
@@ -201,8 +214,8 @@ def test_windows_of_any_length_are_simulated_as_if_alone(frame: tuple[float, ...
         constant = np.full(stop - start, 0.2)
         simulate_mode(
             drive[start:stop], place[start:stop], local[start:stop], constant, forces[start:stop],
-            borders - start, parameters, SOFTENING, band.numerator, band.denominator, 1 / RATE,
-            out, to_ripple,
+            borders - start, np.argsort(borders[:-1] - borders[1:]), parameters, SOFTENING, band.numerator,
+            band.denominator, 1 / RATE, out, to_ripple,
         )  # fmt: skip
         return out, to_ripple
 

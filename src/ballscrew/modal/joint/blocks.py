@@ -217,6 +217,7 @@ def simulate(b: Block, mode: AxialMode) -> Simulation:
         mode.friction * w.direction + mode.weight,
         b.ripple,
         w.first,
+        np.argsort(w.first[:-1] - w.first[1:]),
         parameters,
         SOFTENING,
         w.band.numerator,

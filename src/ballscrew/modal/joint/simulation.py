@@ -240,6 +240,7 @@ def simulate_mode(  # noqa: PLR0913  the compiled part of a simulation
     constant_force: Array,
     ripple: Array,
     first: NDArray[np.int64],
+    order: NDArray[np.int64],
     parameters: Array,
     softening: Array,
     numerator: Array,
@@ -269,6 +270,8 @@ def simulate_mode(  # noqa: PLR0913  the compiled part of a simulation
         the nut, so the response to them is linear in each.
     first : ndarray, shape (windows + 1,)
         First sample of each window.
+    order : ndarray, shape (windows,)
+        Of the windows, the longest first: windows in step are of similar length.
     parameters : ndarray, shape (10,)
         Of :class:`~ballscrew.modal.joint.mode.AxialMode`: compliance, slope, curve, damping,
         mass_over_preload, nut_share, power; of the frame: coupling, angular frequency (rad/s), damping ratio.
@@ -287,7 +290,7 @@ def simulate_mode(  # noqa: PLR0913  the compiled part of a simulation
     table = _factor_table(parameters, dt)
     along = _along_axis(place, local, constant_force, parameters, softening)
     factors = np.empty((place.shape[0], 2))
-    _respond_to_drive(drive, along, first, parameters, softening, frame, table, dt, factors, out)
+    _respond_to_drive(drive, along, first, order, parameters, softening, frame, table, dt, factors, out)
     _pass_band(first, numerator, denominator, out.reshape(out.shape[0], 1))
     if ripple.shape[1] > 0:
         _respond_to_ripple(ripple, factors, first, frame, dt, ripple_response)
@@ -299,6 +302,7 @@ def _respond_to_drive(
     drive: Array,
     along: Array,
     first: NDArray[np.int64],
+    order: NDArray[np.int64],
     parameters: Array,
     softening: Array,
     frame: tuple[float, float, float],
@@ -308,7 +312,6 @@ def _respond_to_drive(
     out: Array,
 ) -> None:
     """Fill a of all windows before the filter of the band, and the factors of each step."""
-    order = np.argsort(first[:-1] - first[1:])  # windows in step are of similar length
     states = np.empty((_TOGETHER, 4))  # deflection and frame, each with its rate
     for begin in range(0, order.shape[0], _TOGETHER):
         windows = order[begin : begin + _TOGETHER]
@@ -344,12 +347,12 @@ def _respond_to_ripple(
 ) -> None:
     """Fill a under each force of the ripple, before the band's filter."""
     for window in range(first.shape[0] - 1):
-        states = np.zeros((4, ripple.shape[1]))
+        states, with_frame = np.zeros((2, ripple.shape[1])), np.zeros((ripple.shape[1], 4))
         for i in range(first[window], first[window + 1]):
             stiff, damp = factors[i, 0], factors[i, 1]
             if frame[0] > 0:
                 for c in range(ripple.shape[1]):
-                    out[i, c] = _step_with_frame(ripple[i, c], stiff, damp, frame, dt, states[:, c])
+                    out[i, c] = _step_with_frame(ripple[i, c], stiff, damp, frame, dt, with_frame[c])
             else:
                 for c in range(ripple.shape[1]):
                     y = stiff * states[0, c] + damp * states[1, c]
