@@ -5,10 +5,12 @@ from __future__ import annotations
 import sqlite3
 from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -277,3 +279,39 @@ def test_the_whole_plant_is_as_its_story(tmp_path: Path) -> None:
     assert bearing["stiffness"][2] < 0.9 < bearing["runs"][-1]["nut"][0]
     assert {run["state"] for run in loose[-6:]} == {"suspect"}
     assert len(jobs) == sum(len(set(axis.recorded) - set(axis.templates)) for axis in PLANT)
+
+
+@pytest.mark.parametrize("step", ["record_tests", "make_history"])
+@pytest.mark.parametrize("failing", [HEALTHY, ABSENT, None])
+def test_the_histories_of_all_axes_come_or_the_error_of_one(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, step: str, failing: demo.PlantAxis | None
+) -> None:
+    """The main process waits for a result of each axis; an error must not be lost."""
+    templates: dict[str, Any] = {}
+
+    def fail(name: str, axis: demo.PlantAxis) -> None:
+        if failing is not None and (name, axis.name) == (step, failing.name):
+            raise InputError(f"{axis.name}: failed")
+
+    def record_tests(axis: demo.PlantAxis, *_: Any) -> dict[int, Path]:
+        fail("record_tests", axis)
+        return {0: Path(axis.name)}
+
+    def make_history(
+        axis: demo.PlantAxis, _present: Any, _seed: Any, recordings: Any, template: Any = None
+    ) -> Any:
+        fail("make_history", axis)
+        assert recordings == {0: Path(axis.name)}
+        templates[axis.name] = template
+        return SimpleNamespace(axis=axis, template=axis.name)
+
+    monkeypatch.setattr(demo, "record_tests", record_tests)
+    monkeypatch.setattr(demo, "make_history", make_history)
+    with ThreadPoolExecutor(2) as pool:
+        histories = demo._make_histories(pool, SMALL, PRESENT, 0, tmp_path)
+        if failing is not None:
+            with pytest.raises(InputError, match=failing.name):
+                list(histories)
+        else:
+            assert {history.axis.name for history in histories} == {axis.name for axis in SMALL}
+            assert templates == {HEALTHY.name: None, ABSENT.name: HEALTHY.name, ALIKE.name: HEALTHY.name}

@@ -8,7 +8,7 @@ import shutil
 import signal
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, wait
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -181,7 +181,7 @@ def make_plant(
 
 
 def _make_histories(
-    pool: ProcessPoolExecutor, axes: Sequence[PlantAxis], present: datetime, seed: int, folder: Path
+    pool: Executor, axes: Sequence[PlantAxis], present: datetime, seed: int, folder: Path
 ) -> Iterator[AxisHistory]:
     """Histories of the axes, as they come.
 
@@ -221,11 +221,11 @@ def _make_histories(
 
     record(first)
     _compile_detection()
-    wait([recorded[first.name]])
-    analyse(first, None, recorded[first.name])
+    history = pool.submit(make_history, first, present, seed, recorded[first.name].result())
     for followed in followers.values():
         for axis in followed:
             record(axis)
+    history.add_done_callback(partial(complete, first))
     for _ in axes:
         yield finished.get().result()
 
