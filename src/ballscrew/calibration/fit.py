@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
-from scipy.stats import chi2 as chi2_distribution
+from scipy.special import gammaincinv
 
 from ballscrew.axis.axial import PARAMETERS, AxialModel, frequency, from_vector, gradient
 from ballscrew.base.arrays import Array
@@ -272,7 +272,7 @@ def goodness_of_fit(fit: Fit) -> GoodnessOfFit:
         return GoodnessOfFit(0.0, 0.0)
     degrees, size = total**2 / square, square / total
     chi2 = float(white @ white) / size
-    excess = chi2 - float(chi2_distribution.ppf(_CHANCE, degrees))
+    excess = chi2 - 2 * float(gammaincinv(degrees / 2, _CHANCE))
     if excess <= 0:
         return GoodnessOfFit(chi2, degrees)
     reason = (

@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.signal import find_peaks, get_window
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
@@ -252,6 +251,8 @@ def _integrations(quantities: tuple[str, str]) -> int:
 
 def _averaged(signals: _Signals) -> tuple[FrequencyResponse, Array]:
     """Response averaged over windowed segments, and the power of the input at its frequencies."""
+    from scipy.signal import get_window
+
     rate = signals.rate
     shortest = min(len(record[0]) for record in signals.records)
     size = shortest
@@ -278,6 +279,8 @@ def _ranges(
     signals: _Signals, response: FrequencyResponse, power: Array, band: tuple[Any, Any] | None
 ) -> tuple[float, float, tuple[float, float]]:
     """Range in which the resonance is looked for, and the range that is fitted, Hz."""
+    from scipy.signal import find_peaks
+
     highest = signals.rate / SAMPLES_PER_PERIOD
     if band is not None:
         low, high = (parse(limit, "Hz") for limit in band)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import oaconvolve
 
 from ballscrew.base.arrays import Array
 
@@ -87,6 +86,8 @@ def rates(x: Array, rate: float, smoothing: float) -> tuple[Array, Array]:
 
 def _smoothed(x: Array, rate: float, smoothing: float, order: int, beyond: int) -> Array:
     """Derivative less the signal's first value, with samples beyond both ends."""
+    from scipy.signal import oaconvolve
+
     sigma = max(smoothing * rate, _FEWEST_SAMPLES)
     pad = min(int(np.ceil(5 * sigma)) + beyond, len(x) - 1)
     head = 2 * x[0] - x[pad:0:-1]

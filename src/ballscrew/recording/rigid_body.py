@@ -24,7 +24,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 from scipy.special import stdtrit
 
 from ballscrew.base.arrays import Array
@@ -155,6 +154,8 @@ def normal_equations(
         As many as phases, or one of the whole recording; empty sums where the axis never moves or the record
         is shorter than the filter.
     """
+    from scipy.signal import butter, sosfiltfilt
+
     nothing = (NormalEquations(),) * max(1, len(phases))
     cutoff = min(used.cutoff, 0.2 * motion.rate)
     # Means over a few samples are one more filter on both sides.

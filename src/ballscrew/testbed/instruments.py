@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import bilinear, lfilter
 
 from ballscrew.base.arrays import Array
 from ballscrew.testbed.machine import Machine
@@ -134,6 +133,8 @@ def _delayed(x: Array, samples: float) -> Array:
 
 def _resonance(x: Array, frequency: float, damping: float, rate: float) -> Array:
     """Acceleration of a small mass on a spring relative to its support."""
+    from scipy.signal import bilinear, lfilter
+
     if frequency <= 0:
         return np.zeros_like(x)
     w = 2 * math.pi * frequency
@@ -142,6 +143,8 @@ def _resonance(x: Array, frequency: float, damping: float, rate: float) -> Array
 
 
 def _mounted(x: Array, instruments: Instruments, rate: float) -> Array:
+    from scipy.signal import bilinear, lfilter
+
     w = 2 * math.pi * instruments.mount_frequency
     damping = 2 * instruments.mount_damping * w
     b, a = bilinear([damping, w * w], [1.0, damping, w * w], rate)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import ZoomFFT
 
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.spectra import Spectra, coherence, frf
@@ -37,6 +36,8 @@ class Lines:
         cls, force: NDArray[np.float64], response: NDArray[np.float64], rate: float, grid: NDArray[np.float64]
     ) -> Lines:
         """Transform windowed records, by the chirp z-transform, on the lines of the band alone."""
+        from scipy.signal import ZoomFFT
+
         span = [float(grid[0]), float(grid[-1])]
         zoom = ZoomFFT(force.shape[-1], span, len(grid), fs=rate, endpoint=True)
         u, y = (np.asarray(zoom(records) / rate, dtype=np.complex128) for records in (force, response))

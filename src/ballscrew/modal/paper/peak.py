@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import find_peaks
 
 _PROMINENCE = 0.4  # of its height that a peak must stand above the saddles beside it: ripple does not
 _RIVAL = 0.8  # of the highest peak, from which on a lower-frequency peak is the first one
@@ -50,6 +49,8 @@ def first_peak(
     Peak or None
         None where the magnitude has no peak inside the band, or is not finite.
     """
+    from scipy.signal import find_peaks
+
     if len(magnitude) < 5 or not np.all(np.isfinite(magnitude)) or magnitude.max() <= 0:
         return None
     peaks, found = find_peaks(magnitude, prominence=0.0)

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import bilinear, lfilter
 
 from ballscrew.base.arrays import Array
 from ballscrew.recording.aligned import Aligned
@@ -49,6 +48,8 @@ def undo_high_pass(
         Corner frequency of each response, Hz; 0 where there is none, or where the response does not follow
         the encoder.
     """
+    from scipy.signal import bilinear, lfilter
+
     with np.errstate(all="ignore"):
         band = low_band(aligned, phases)
     corners = [0.0] * len(aligned.responses)

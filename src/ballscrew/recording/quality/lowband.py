@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, gaussian_filter1d
-from scipy.signal import butter, sosfiltfilt
 
 from ballscrew.base.arrays import Array
 from ballscrew.recording.aligned import Aligned
@@ -150,6 +149,8 @@ def low_band(aligned: Aligned, phases: Sequence[MotionPhase]) -> LowBand | None:
     LowBand or None
         None where there are fewer than three phases, the rate is too low or a sample is not finite.
     """
+    from scipy.signal import butter, sosfiltfilt
+
     step = max(1, round(aligned.rate / _COARSE_RATE))
     rate = aligned.rate / step
     settle = round(2 * rate / _BAND)
