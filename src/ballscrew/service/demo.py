@@ -240,6 +240,8 @@ def _compile_detection() -> None:
 def _pool() -> Iterator[ProcessPoolExecutor]:
     """Processes; after an interrupt, what they have not begun is not done."""
     pool = ProcessPoolExecutor(_PROCESSES, multiprocessing.get_context("spawn"), _begin_process)
+    for _ in range(_PROCESSES):  # all begin now: each takes seconds to import what it needs
+        pool.submit(os.getpid)
     try:
         yield pool
     finally:
