@@ -24,7 +24,13 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress
 from ballscrew.base.provenance import hash_file
 from ballscrew.calibration.modelfile import model_json
+from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.planfile import plan_toml
+from ballscrew.modal.cell import TransientRow
+from ballscrew.modal.joint.blocks import make_block, project
+from ballscrew.modal.joint.mode import AxialMode, compliance_of
+from ballscrew.modal.joint.signals import TripSignals
+from ballscrew.modal.joint.windows import average_windows
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.design import design_of
 from ballscrew.monitoring.detection.limits import compute_limits
@@ -185,8 +191,8 @@ def _make_histories(
 ) -> Iterator[AxisHistory]:
     """Histories of the axes, as they come.
 
-    In a new installation the first analysis compiles for as long as all other tests take to simulate: one
-    process does the one, another the other, and other axes are analysed after the first.
+    In a new installation the loops of simulation, analysis and detection are compiled at first, each by another
+    process. Other axes are analysed after the first.
     """
     followers: dict[str, list[PlantAxis]] = {axis.name: [] for axis in axes}
     own = []
@@ -220,18 +226,34 @@ def _make_histories(
                 recorded[other.name].add_done_callback(partial(analyse, other, template))
 
     record(first)
+    compiled = pool.submit(_compile_analysis)
+    for axis in rest:
+        record(axis)
     _compile_detection()
+    compiled.result()
     history = pool.submit(make_history, first, present, seed, recorded[first.name].result())
     for followed in followers.values():
         for axis in followed:
-            record(axis)
+            if axis.name not in recorded:
+                record(axis)
     history.add_done_callback(partial(complete, first))
     for _ in axes:
         yield finished.get().result()
 
 
+def _compile_analysis() -> None:
+    """Compile the loops of the fit, by a step of it on a window of noise."""
+    random, at = np.random.default_rng(0), np.arange(400)
+    trip = TripSignals(1000.0, random.standard_normal(400), 1e-3 * at, random.standard_normal((1, 400)))
+    transient = TransientRow(0, 0.1, 0.2, 0.0, str(Condition.PA), 0, 1)
+    windows = average_windows([trip], [transient], 1.0, 60.0, 300.0)
+    assert windows is not None  # noqa: S101  there is one
+    mode = AxialMode(compliance_of(150.0), 0.0, 0.0, 0.03, 0.01, 1.0, 0.0, 300.0, 0.03)
+    project(make_block("torque-nut", windows), mode)
+
+
 def _compile_detection() -> None:
-    """Compile the loops of the detection, which takes a while in a new installation."""
+    """Compile the loops of the detection, by the limits of a few visits."""
     days = np.arange(8.0)
     compute_limits(design_of(days, 0.003 + 0 * days, 20 + 0 * days, (), MonitorSettings(draws=1000)))
 

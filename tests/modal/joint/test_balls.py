@@ -41,6 +41,13 @@ def test_noise_is_no_force(fitted: JointFit) -> None:
     assert ball_forces(w, LEAD, None).shape == (len(w.place), 0)
 
 
+def test_one_direction_may_have_no_sample_that_counts(fitted: JointFit) -> None:
+    w = pushed_windows(fitted, 12.37, 0.03)
+    one_way = replace(w, in_motion=w.in_motion & (w.direction > 0))
+    found = find_balls("torque-nut", one_way, fitted.modes[0], LEAD, np.empty((len(w.place), 0)))
+    assert found == pytest.approx(12.37, abs=0.2)  # fewer samples resolve an order less well
+
+
 def test_it_drives_both_modes(fitted: JointFit) -> None:
     """The motor's motion does not contain a force at the nut."""
     w = fitted.blocks[0].windows

@@ -100,6 +100,15 @@ def test_columns_that_are_alike_count_once() -> None:
     assert orthonormaliser(twice.T @ twice, 1e-8).shape == (4, 3)
 
 
+def test_columns_of_zeros_do_not_count() -> None:
+    columns = np.random.default_rng(0).normal(size=(50, 4)) * [0.0, 1.0, 0.0, 1e-3]
+    ways = orthonormaliser(columns.T @ columns, 1e-8)
+    assert ways.shape == (4, 2)
+    np.testing.assert_allclose((columns @ ways).T @ (columns @ ways), np.eye(2), atol=1e-9)
+    assert np.abs(ways[[0, 2]]).max() < 1e-12
+    assert orthonormaliser(np.zeros((2, 2)), 1e-8).shape == (2, 0)
+
+
 def test_a_wrong_mode_leaves_more(run: SmallRun, blocks: list[Block]) -> None:
     middle = float(np.mean(list(run.free.values())))
     like = project(blocks[0], shape(middle))

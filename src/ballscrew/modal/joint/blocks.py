@@ -281,7 +281,8 @@ def _in_band(w: Windows, forces: Array) -> Array:
 
     if not forces.size:
         return forces
-    return np.concatenate([sosfilt(w.band.sections, forces[start:stop], axis=0) for start, stop in w.spans])
+    filtered = [sosfilt(w.band.sections, forces[start:stop], axis=0) for start, stop in w.spans]
+    return np.ascontiguousarray(np.concatenate(filtered))  # one layout: others are compiled for themselves
 
 
 def _pitch_angular(mode: AxialMode, w: Windows) -> float:
@@ -377,7 +378,8 @@ def orthonormaliser(products: Array, tolerance: float) -> Array:
         Directions whose eigenvalue, for columns scaled to length 1, is below this part of the largest one are
         left out.
     """
-    length = np.sqrt(np.maximum(np.diag(products), 0.0)) + 1e-300
+    length = np.sqrt(np.maximum(np.diag(products), 0.0))
+    length[length == 0] = 1.0  # a column of zeros
     values, vectors = np.linalg.eigh(products / np.outer(length, length))
     good = values > tolerance * values[-1]
     return np.asarray(vectors[:, good] / np.sqrt(values[good]) / length[:, None])
