@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections import Counter
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -22,8 +22,10 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import digest
 from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.modal.run import Run
-from ballscrew.reproduction.plant import PLANT, WEEKS, rig_of
+from ballscrew.reproduction import plant_histories
+from ballscrew.reproduction.plant import PLANT, WEEKS, PlantAxis, rig_of
 from ballscrew.service import demo
+from ballscrew.service.demo_processes import demo_processes
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.checking import verify
@@ -41,6 +43,7 @@ HEALTHY = replace(PLANT[1], first=_FIRST, recorded=(WEEKS - 1,), like=None)
 ABSENT = replace(PLANT[8], type=HEALTHY.type, first=_FIRST, last=WEEKS - 3, recorded=(), like=HEALTHY.name)
 ALIKE = replace(PLANT[0], first=_FIRST, recorded=(), like=HEALTHY.name, worn=None)
 SMALL = (HEALTHY, ABSENT, ALIKE)
+UNUSED = ThreadPoolExecutor(1)  # begins no thread before it has something to do
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +55,8 @@ def few_members() -> None:
 def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three axes over twelve weeks; one is absent in the end, and one imitates the first."""
     folder = tmp_path_factory.mktemp("demo") / "plant"
-    demo.make_plant(folder, axes=SMALL, present=PRESENT)
+    with demo_processes() as pool:
+        demo.make_plant(folder, pool, axes=SMALL, present=PRESENT)
     return folder
 
 
@@ -163,7 +167,7 @@ def test_each_axis_has_three_recorded_tests() -> None:
 
 def test_a_second_start_uses_the_same_plant(plant: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "make_plant", lambda *_, **__: pytest.fail("made again"))
-    with demo.demo_store(plant) as folder:
+    with demo.demo_store(plant, UNUSED) as folder:
         assert folder == plant
     assert plant.is_dir()
 
@@ -173,7 +177,7 @@ def imitated_plant(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """An empty store in place of the plant; the folders in which one was made."""
     made: list[Path] = []
 
-    def make(folder: Path, **_: Any) -> None:
+    def make(folder: Path, _: Executor, **_progress: Any) -> None:
         made.append(folder)
         create_store(folder)
         DataFolder(folder).create(None, simulated=True)
@@ -183,7 +187,7 @@ def imitated_plant(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
 
 
 def test_a_temporary_plant_leaves_nothing(imitated_plant: list[Path]) -> None:
-    with demo.demo_store(None) as folder:
+    with demo.demo_store(None, UNUSED) as folder:
         assert DataFolder(folder).is_simulated()
         assert folder == imitated_plant[0]
     assert not folder.parent.exists()
@@ -195,7 +199,7 @@ def test_a_new_folder_is_made_and_stays(imitated_plant: list[Path], tmp_path: Pa
     if exists:
         data.mkdir(parents=True)
     for _ in range(2):
-        with demo.demo_store(data) as folder:
+        with demo.demo_store(data, UNUSED) as folder:
             assert folder == data
     assert len(imitated_plant) == 1
     assert [path.name for path in data.parent.iterdir()] == ["plant"]
@@ -212,12 +216,12 @@ def interrupted(
 
 
 def test_an_interrupt_leaves_nothing(interrupted: Path | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    def make(folder: Path, **_: Any) -> None:
+    def make(folder: Path, _: Executor, **_progress: Any) -> None:
         create_store(folder)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(demo, "make_plant", make)
-    with pytest.raises(KeyboardInterrupt), demo.demo_store(interrupted):
+    with pytest.raises(KeyboardInterrupt), demo.demo_store(interrupted, UNUSED):
         pytest.fail("it was made")
 
 
@@ -231,7 +235,7 @@ def test_another_folder_is_refused(tmp_path: Path) -> None:
         (other, "other files"),
         (other / "letter.txt", "other files"),
     ):
-        with pytest.raises(InputError, match=words), demo.demo_store(folder):
+        with pytest.raises(InputError, match=words), demo.demo_store(folder, UNUSED):
             pytest.fail("it was taken")
     assert (other / "letter.txt").read_text() == "mine"
 
@@ -239,12 +243,12 @@ def test_another_folder_is_refused(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("imitated_plant")
 def test_a_plant_of_an_older_schema_is_refused_with_what_to_do(tmp_path: Path) -> None:
     data = tmp_path / "plant"
-    with demo.demo_store(data):
+    with demo.demo_store(data, UNUSED):
         pass
     with closing(sqlite3.connect(DataFolder(data).sqlite)) as connection, connection:
         connection.execute("UPDATE alembic_version SET version_num = '0003'")
     words = "run 'ballscrew store migrate', or give --demo a new folder"
-    with pytest.raises(InputError, match=words), demo.demo_store(data):
+    with pytest.raises(InputError, match=words), demo.demo_store(data, UNUSED):
         pytest.fail("it was taken")
 
 
@@ -256,7 +260,8 @@ def test_rows_have_the_time_of_the_history_in_its_block_only() -> None:
 
 @pytest.mark.slow
 def test_the_whole_plant_is_as_its_story(tmp_path: Path) -> None:
-    demo.make_plant(tmp_path / "plant")
+    with demo_processes(early=True) as pool:
+        demo.make_plant(tmp_path / "plant", pool)
     service = Service(ServedStore(tmp_path / "plant"), ServerSettings(min_free_bytes=0))
     with client_of(service) as client:
         axes = {axis["axis"]: axis for axis in client.get("/api/v1/axes").json()["axes"]}
@@ -284,31 +289,31 @@ def test_the_whole_plant_is_as_its_story(tmp_path: Path) -> None:
 @pytest.mark.parametrize("step", ["record_tests", "make_history"])
 @pytest.mark.parametrize("failing", [HEALTHY, ABSENT, None])
 def test_the_histories_of_all_axes_come_or_the_error_of_one(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, step: str, failing: demo.PlantAxis | None
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, step: str, failing: PlantAxis | None
 ) -> None:
     """The main process waits for a result of each axis; an error must not be lost."""
     templates: dict[str, Any] = {}
 
-    def fail(name: str, axis: demo.PlantAxis) -> None:
+    def fail(name: str, axis: PlantAxis) -> None:
         if failing is not None and (name, axis.name) == (step, failing.name):
             raise InputError(f"{axis.name}: failed")
 
-    def record_tests(axis: demo.PlantAxis, *_: Any) -> dict[int, Path]:
+    def record_tests(axis: PlantAxis, *_: Any) -> dict[int, Path]:
         fail("record_tests", axis)
         return {0: Path(axis.name)}
 
     def make_history(
-        axis: demo.PlantAxis, _present: Any, _seed: Any, recordings: Any, template: Any = None
+        axis: PlantAxis, _present: Any, _seed: Any, recordings: Any, template: Any = None
     ) -> Any:
         fail("make_history", axis)
         assert recordings == {0: Path(axis.name)}
         templates[axis.name] = template
         return SimpleNamespace(axis=axis, template=axis.name)
 
-    monkeypatch.setattr(demo, "record_tests", record_tests)
-    monkeypatch.setattr(demo, "make_history", make_history)
+    monkeypatch.setattr(plant_histories, "record_tests", record_tests)
+    monkeypatch.setattr(plant_histories, "make_history", make_history)
     with ThreadPoolExecutor(2) as pool:
-        histories = demo._make_histories(pool, SMALL, PRESENT, 0, tmp_path)
+        histories = plant_histories.make_histories(pool, SMALL, PRESENT, 0, tmp_path)
         if failing is not None:
             with pytest.raises(InputError, match=failing.name):
                 list(histories)

@@ -67,16 +67,10 @@ def serve(
         return _check(data, config, options, as_json=as_json)
     if support_bundle is not None:
         return _bundle(support_bundle, data, config, options)
+    if demo:
+        return _serve_demo(data, config, options)
     from ballscrew.service.server import serve as serve_store
 
-    if demo:
-        from ballscrew.service.demo import demo_store
-
-        with ExitStack() as stack:
-            with progress_bar("making the simulated plant", as_lines=True) as progress:
-                folder = stack.enter_context(demo_store(data, progress))
-            serve_store(folder, config=config, **options)
-        return DONE
     serve_store(data, config=config, **options)
     return DONE
 
@@ -122,6 +116,24 @@ def revoke(
 ) -> int:
     """Revoke a token."""
     return _revoke(data, number, as_json=as_json)
+
+
+def _serve_demo(data: Path | None, config: Path | None, options: dict[str, Any]) -> int:
+    """Make a simulated plant, unless it exists, and serve it."""
+    from ballscrew.service.demo_processes import demo_processes
+
+    is_new = data is None or not data.exists()
+    with ExitStack() as stack:
+        with (
+            progress_bar("making the simulated plant", as_lines=True) as progress,
+            demo_processes(early=is_new) as pool,
+        ):
+            from ballscrew.service.demo import demo_store
+            from ballscrew.service.server import serve as serve_store
+
+            folder = stack.enter_context(demo_store(data, pool, progress))
+        serve_store(folder, config=config, **options)
+    return DONE
 
 
 def _bundle(to: Path, data: Path | None, config: Path | None, options: dict[str, Any]) -> int:

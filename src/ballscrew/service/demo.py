@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import shutil
-import signal
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from queue import SimpleQueue
 
-import numpy as np
 from sqlalchemy import select
 
 from ballscrew.axis.sheet_file import axis_toml
@@ -24,20 +19,12 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress
 from ballscrew.base.provenance import hash_file
 from ballscrew.calibration.modelfile import model_json
-from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.planfile import plan_toml
-from ballscrew.modal.cell import TransientRow
-from ballscrew.modal.joint.blocks import make_block, project
-from ballscrew.modal.joint.mode import AxialMode, compliance_of
-from ballscrew.modal.joint.signals import TripSignals
-from ballscrew.modal.joint.windows import average_windows
 from ballscrew.modal.run import Run
-from ballscrew.monitoring.detection.design import design_of
-from ballscrew.monitoring.detection.limits import compute_limits
-from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import moment
 from ballscrew.reproduction.plant import CHANNELS, PLANT, SITE, PlantAxis
-from ballscrew.reproduction.plant_runs import AxisHistory, Template, make_history, record_tests
+from ballscrew.reproduction.plant_histories import make_histories
+from ballscrew.reproduction.plant_runs import AxisHistory
 from ballscrew.service.access import Caller
 from ballscrew.service.alarms import Action, act, watch_for_silence
 from ballscrew.service.axes import AxisSetup, NewEvent, Schedule, add_axis_events, add_axis_model, set_up_axis
@@ -61,19 +48,20 @@ _CALLER = Caller(SITE, None, "admin")
 _PERIOD, _GRACE = timedelta(days=7), timedelta(days=2)
 _RECEIVED = timedelta(minutes=12)  # after the beginning of a test
 _MODEL_AFTER = timedelta(days=13)  # the first test
-_PROCESSES = 2
 
 Deed = tuple[datetime, Callable[[], object]]
 
 
 @contextmanager
-def demo_store(data: Path | None, progress: Progress = ignore_progress) -> Iterator[Path]:
+def demo_store(data: Path | None, pool: Executor, progress: Progress = ignore_progress) -> Iterator[Path]:
     """Data folder of the simulated plant, made if it does not exist.
 
     Parameters
     ----------
     data : Path or None
         The folder: new, empty, or of an earlier call; None for a temporary one, which is removed afterwards.
+    pool : Executor
+        As for :func:`make_plant`.
     progress : callable
         As for :func:`make_plant`.
 
@@ -90,12 +78,12 @@ def demo_store(data: Path | None, progress: Progress = ignore_progress) -> Itera
     if data is None:
         with tempfile.TemporaryDirectory(prefix="ballscrew-demo-", ignore_cleanup_errors=True) as name:
             folder = Path(name) / SITE
-            make_plant(folder, progress=progress)
+            make_plant(folder, pool, progress=progress)
             yield folder
         return
     if not _is_plant(data):
         with _new_folder(data) as name:
-            make_plant(name / "store", progress=progress)
+            make_plant(name / "store", pool, progress=progress)
             if data.is_dir():
                 data.rmdir()  # it is empty
             (name / "store").rename(data)
@@ -133,6 +121,7 @@ def _new_folder(data: Path) -> Iterator[Path]:
 
 def make_plant(
     folder: Path,
+    pool: Executor,
     *,
     axes: Sequence[PlantAxis] = PLANT,
     seed: int = 0,
@@ -147,6 +136,9 @@ def make_plant(
     ----------
     folder : Path
         Data folder, which must not exist.
+    pool : Executor
+        Processes that simulate, analyse and assess: those of :func:`~.demo_processes.demo_processes`. They
+        are shut down at the end.
     axes : sequence of PlantAxis
         The plant.
     seed : int
@@ -162,13 +154,13 @@ def make_plant(
     with (
         data.locked("serve --demo", serving=True),
         tempfile.TemporaryDirectory(prefix="recordings-", dir=folder) as recordings,
-        _pool() as pool,
+        _shut_down(pool),
     ):
         service = Service(ServedStore(folder), read_settings(folder, None, {}))
         service.partial.mkdir()
         plant = _Plant(service, present)
         histories, assessments = [], []
-        for history in _make_histories(pool, axes, present, seed, Path(recordings)):
+        for history in make_histories(pool, axes, present, seed, Path(recordings)):
             plant.replay(history)
             histories.append(history)
             if history.axis.calibrated:
@@ -186,95 +178,13 @@ def make_plant(
     data.create(None, simulated=True)
 
 
-def _make_histories(
-    pool: Executor, axes: Sequence[PlantAxis], present: datetime, seed: int, folder: Path
-) -> Iterator[AxisHistory]:
-    """Histories of the axes, as they come.
-
-    In a new installation the loops of simulation, analysis and detection are compiled at first, each by another
-    process. Other axes are analysed after the first.
-    """
-    followers: dict[str, list[PlantAxis]] = {axis.name: [] for axis in axes}
-    own = []
-    for axis in axes:
-        if axis.like in followers:
-            followers[axis.like].append(axis)
-        else:
-            own.append(replace(axis, like=None))
-    # Those first that others wait for, and those with the most analyses, so that both processes end together.
-    first, *rest = sorted(own, key=lambda axis: (-len(followers[axis.name]), -axis.effort))
-    followers[first.name] += rest
-    recorded: dict[str, Future[dict[int, Path]]] = {}
-    finished: SimpleQueue[Future[AxisHistory]] = SimpleQueue()
-
-    def record(axis: PlantAxis) -> None:
-        recorded[axis.name] = pool.submit(record_tests, axis, present, seed, folder / axis.name)
-
-    def analyse(axis: PlantAxis, template: Template | None, recordings: Future[dict[int, Path]]) -> None:
-        try:
-            future = pool.submit(make_history, axis, present, seed, recordings.result(), template)
-        except Exception as error:  # noqa: BLE001  the main process waits for a result of each axis
-            future = Future()
-            future.set_exception(error)
-        future.add_done_callback(partial(complete, axis))
-
-    def complete(axis: PlantAxis, future: Future[AxisHistory]) -> None:
-        finished.put(future)
-        if not future.cancelled() and future.exception() is None:
-            for other in followers[axis.name]:
-                template = future.result().template if other.like else None
-                recorded[other.name].add_done_callback(partial(analyse, other, template))
-
-    record(first)
-    compiled = pool.submit(_compile_analysis)
-    for axis in rest:
-        record(axis)
-    _compile_detection()
-    compiled.result()
-    history = pool.submit(make_history, first, present, seed, recorded[first.name].result())
-    for followed in followers.values():
-        for axis in followed:
-            if axis.name not in recorded:
-                record(axis)
-    history.add_done_callback(partial(complete, first))
-    for _ in axes:
-        yield finished.get().result()
-
-
-def _compile_analysis() -> None:
-    """Compile the loops of the fit, by a step of it on a window of noise."""
-    random, at = np.random.default_rng(0), np.arange(400)
-    trip = TripSignals(1000.0, random.standard_normal(400), 1e-3 * at, random.standard_normal((1, 400)))
-    transient = TransientRow(0, 0.1, 0.2, 0.0, str(Condition.PA), 0, 1)
-    windows = average_windows([trip], [transient], 1.0, 60.0, 300.0)
-    assert windows is not None  # noqa: S101  there is one
-    mode = AxialMode(compliance_of(150.0), 0.0, 0.0, 0.03, 0.01, 1.0, 0.0, 300.0, 0.03)
-    project(make_block("torque-nut", windows), mode)
-
-
-def _compile_detection() -> None:
-    """Compile the loops of the detection, by the limits of a few visits."""
-    days = np.arange(8.0)
-    compute_limits(design_of(days, 0.003 + 0 * days, 20 + 0 * days, (), MonitorSettings(draws=1000)))
-
-
 @contextmanager
-def _pool() -> Iterator[ProcessPoolExecutor]:
-    """Processes; after an interrupt, what they have not begun is not done."""
-    pool = ProcessPoolExecutor(_PROCESSES, multiprocessing.get_context("spawn"), _begin_process)
-    for _ in range(_PROCESSES):  # all begin now: each takes seconds to import what it needs
-        pool.submit(os.getpid)
+def _shut_down(pool: Executor) -> Iterator[None]:
+    """Shut processes down at the end, before what they write is removed."""
     try:
-        yield pool
+        yield
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-def _begin_process() -> None:
-    """Ignore Ctrl-C, which the main process handles, and lower the priority: the main one has most to do."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "nice"):
-        os.nice(5)
 
 
 @dataclass(frozen=True)
