@@ -64,11 +64,10 @@ def make_histories(
     followers[first.name] += rest
     making = _Making(pool, present, seed, folder, followers)
     making.record(first)
-    compiled = pool.submit(_compile_analysis)
+    pool.submit(_compile_detection)
     for axis in rest:
         making.record(axis)
-    _compile_detection()
-    compiled.result()
+    _compile_analysis()  # in this process: the second one still imports
     history = pool.submit(make_history, first, present, seed, making.recorded[first.name].result())
     for axis in alike:
         making.record(axis)
