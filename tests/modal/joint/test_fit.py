@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.modal.joint.conftest import SmallRun
@@ -71,3 +73,12 @@ def test_limits_are_those_of_the_parameters() -> None:
     assert (low[1], high[1], low[3], high[3]) == (-2.0, 2.0, -0.8, 20.0)
     assert np.isinf(low[2])
     assert np.isinf(high[2])
+
+
+def test_a_response_without_a_residual_is_fitted(run: SmallRun, blocks: list[Block]) -> None:
+    """As of a sensor that shows nothing: the weight of its residual is still a number."""
+    w = replace(blocks[0].windows, nut=np.zeros_like(blocks[0].windows.nut))
+    silent = replace(blocks[0], windows=w)
+    found = fit_blocks([silent], [initial(run, 0.0)], (*FIELDS, "power"), PRIOR)
+    assert np.isfinite(found.hessian).all()
+    assert all(np.isfinite(each).all() for each in found.residual)

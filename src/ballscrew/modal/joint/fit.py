@@ -42,6 +42,7 @@ _FIRST_DAMPING, _LEAST_DAMPING, _LEAST_RAISED = 1e-3, 1e-8, 1e-4
 _DAMPING_FACTOR = 8  # by which a step that succeeds lowers the damping, and one that fails raises it
 _TRIALS = 7  # of a step, with ever more damping
 _LONGEST_STEP = 0.4  # in every parameter
+_LEAST_RMS = 1e-100  # m/s², of a residual: the weight of one that is 0 is a number, and so is its square
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,7 +291,7 @@ def with_local_parameters(found: JointFit, modes: Modes, names: Sequence[str]) -
 
 def _weight(b: Block, solved: Projection) -> float:
     """Weight of a block: one over the rms of its residual."""
-    return 1 / max(math.sqrt(b.mean_square(solved.residual)), 1e-300)
+    return 1 / max(math.sqrt(b.mean_square(solved.residual)), _LEAST_RMS)
 
 
 def _jacobian(
@@ -301,5 +302,5 @@ def _jacobian(
     values: Array,
 ) -> tuple[Array, ...]:
     """Weighted derivatives of the models."""
-    derivatives = model_jacobian(blocks, modes, solved, parameters, values)
-    return tuple(d * _weight(b, s) for b, d, s in zip(blocks, derivatives, solved, strict=True))
+    weights = [_weight(b, s) for b, s in zip(blocks, solved, strict=True)]
+    return tuple(model_jacobian(blocks, modes, solved, weights, parameters, values))

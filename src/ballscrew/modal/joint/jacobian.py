@@ -29,10 +29,11 @@ def model_jacobian(
     blocks: Sequence[Block],
     modes: Modes,
     solved: Sequence[Projection],
+    weights: Sequence[float],
     parameters: Sequence[Parameter],
     values: Array,
 ) -> list[Array]:
-    """Derivatives of each block's whitened model, without their parts along its columns.
+    """Weighted derivatives of each block's whitened model, without their parts along its columns.
 
     Parameters
     ----------
@@ -42,6 +43,8 @@ def model_jacobian(
         One per block.
     solved : sequence of Projection
         The linear part of each block.
+    weights : sequence of float
+        Weight of each block.
     parameters : sequence of (field, mode index or None)
         To derive by.
     values : ndarray, shape (parameters,)
@@ -66,12 +69,13 @@ def model_jacobian(
     if columns:
         _fill_local(models, modes, columns, changes)
     out = []
-    for b, s, of_model in zip(blocks, solved, changes, strict=True):
+    for b, s, weight, of_model in zip(blocks, solved, weights, changes, strict=True):
         jacobian = np.zeros((s.residual.size, len(parameters)))
         if of_model:
             stacked = np.stack(list(of_model.values()), axis=2).reshape(len(s.residual), -1)
             whitened = s.without_columns(whiten(b, stacked, s.free))
-            jacobian[:, list(of_model)] = whitened.reshape(-1, len(of_model))
+            column = weight * np.eye(len(parameters))[list(of_model)]  # of each derivative
+            jacobian = whitened.reshape(-1, len(of_model)) @ column
         out.append(jacobian)
     return out
 
