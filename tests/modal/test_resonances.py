@@ -150,3 +150,13 @@ def test_a_short_record_is_refused_with_what_would_do():
     found = ballscrew.resonances(force, speed, RATE, band=(80, 350))
     assert found.resonance.verdict == "refused"
     assert "40 are needed" in found.resonance.reasons[0].text
+
+
+@pytest.mark.parametrize(("rate", "frequency", "count"), [(500.0, 175.9, 8000), (500.0, 107.5, 4000)])
+def test_a_clean_step_in_place_of_the_motion_is_not_good(rate, frequency, count):
+    """Input and output are exchanged. Some columns of the fit are zeros, which makes no warning."""
+    w = 2 * math.pi * frequency
+    b, a, _ = signal.cont2discrete(([0.04 * w, w**2], [1.0, 0.04 * w, w**2]), 1 / rate)
+    step = (np.arange(count) > count / 2) * 1.0
+    found = ballscrew.resonances(signal.lfilter(b.ravel(), a, step), step, rate)
+    assert "good" not in (found.resonance.verdict, found.antiresonance.verdict)

@@ -55,3 +55,11 @@ def test_an_estimator_or_a_resolution_that_is_none_is_refused(arguments, message
     x = np.random.default_rng(1).normal(size=(2, 1000))
     with pytest.raises(InputError, match=message):
         frf(x, x, 1000.0, **arguments)
+
+
+@pytest.mark.parametrize("size", [1e160, 1e-160])
+@pytest.mark.parametrize("method", ["frf", "natural_frequency", "resonances"])
+def test_values_whose_squares_are_no_numbers_are_refused(method, size):
+    x = np.random.default_rng(0).normal(size=1000)
+    with pytest.raises(InputError, match=f"the output has values up to .e.{abs(np.log10(size)):.0f}; state"):
+        getattr(ballscrew, method)(x, size * x, "1 kHz")

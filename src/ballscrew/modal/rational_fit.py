@@ -222,7 +222,7 @@ class RationalFit:
         10.1016/0304-4076(85)90158-7).
         """
         jacobian, instruments, residual = self._stacked()
-        scale = np.linalg.norm(jacobian, axis=0) + 1e-300
+        scale = _lengths(jacobian)
         jacobian, instruments = jacobian / scale, instruments / scale
         bread = np.linalg.pinv(instruments.T @ jacobian)
         leverage = np.einsum("ij,jk,ik->i", jacobian, bread, instruments)
@@ -349,8 +349,14 @@ def _real(columns: Complex, weights: Array) -> Array:
     return np.concatenate([weighted.real, weighted.imag])
 
 
+def _lengths(columns: Array) -> Array:
+    """Length of each column; 1 of a column of zeros, whose coefficient is then 0."""
+    lengths = np.linalg.norm(columns, axis=0)
+    return np.where(lengths > 0, lengths, 1.0)
+
+
 def _solve(instruments: Array, columns: Array, target: Array) -> Array:
     """Solution b of Zᵀ X b = Zᵀ y: that of least squares where Z is X."""
-    basis = np.linalg.qr(instruments / (np.linalg.norm(instruments, axis=0) + 1e-300))[0]
-    scale = np.linalg.norm(columns, axis=0) + 1e-300
+    basis = np.linalg.qr(instruments / _lengths(instruments))[0]
+    scale = _lengths(columns)
     return np.asarray(np.linalg.lstsq(basis.T @ (columns / scale), basis.T @ target, rcond=_RANK)[0] / scale)

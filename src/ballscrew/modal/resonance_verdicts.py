@@ -248,7 +248,7 @@ def _with_verdict(
 ) -> EstimatedMode:
     """Frequency with its verdict, by its uncertainty and doubts."""
     u, most = math.hypot(*terms.values()), JointSettings().most_uncertainty
-    if u > most * frequency:
+    if not u <= most * frequency:
         return EstimatedMode.refused(*doubts, large_uncertainty(u, most))
     if mode.explained < INCOHERENT:
         return EstimatedMode.refused(*doubts)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _FEWEST_SAMPLES = 16
+_LARGEST = 1e50  # of a value, and of one over it: their products are numbers
 _ESTIMATORS = ("H1", "H2", "Hv")
 _FINEST = 100  # lines per line of the longest record: zeros only interpolate
 
@@ -203,4 +204,7 @@ def _rows(name: str, given: Records) -> list[Array]:
             raise InputError(f"the {name} has values that are not finite.")
         if not np.ptp(row) > 0:
             raise InputError(f"a record of the {name} is constant: nothing was measured.")
+        largest = float(np.abs(row).max())
+        if not 1 / _LARGEST < largest < _LARGEST:
+            raise InputError(f"the {name} has values up to {largest:.0e}; state it in another unit.")
     return rows
