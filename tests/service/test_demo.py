@@ -43,6 +43,7 @@ HEALTHY = replace(PLANT[1], first=_FIRST, recorded=(WEEKS - 1,), like=None)
 ABSENT = replace(PLANT[8], type=HEALTHY.type, first=_FIRST, last=WEEKS - 3, recorded=(), like=HEALTHY.name)
 ALIKE = replace(PLANT[0], first=_FIRST, recorded=(), like=HEALTHY.name, worn=None)
 SMALL = (HEALTHY, ABSENT, ALIKE)
+ALONE = replace(PLANT[9], like=None)
 UNUSED = ThreadPoolExecutor(1)  # begins no thread before it has something to do
 
 
@@ -234,6 +235,7 @@ def test_another_folder_is_refused(tmp_path: Path) -> None:
         (store, "another store"),
         (other, "other files"),
         (other / "letter.txt", "other files"),
+        (tmp_path / (300 * "x"), "cannot be read"),
     ):
         with pytest.raises(InputError, match=words), demo.demo_store(folder, UNUSED):
             pytest.fail("it was taken")
@@ -287,7 +289,7 @@ def test_the_whole_plant_is_as_its_story(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("step", ["record_tests", "make_history"])
-@pytest.mark.parametrize("failing", [HEALTHY, ABSENT, None])
+@pytest.mark.parametrize("failing", [HEALTHY, ABSENT, ALONE, None])
 def test_the_histories_of_all_axes_come_or_the_error_of_one(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, step: str, failing: PlantAxis | None
 ) -> None:
@@ -313,10 +315,11 @@ def test_the_histories_of_all_axes_come_or_the_error_of_one(
     monkeypatch.setattr(plant_histories, "record_tests", record_tests)
     monkeypatch.setattr(plant_histories, "make_history", make_history)
     with ThreadPoolExecutor(2) as pool:
-        histories = plant_histories.make_histories(pool, SMALL, PRESENT, 0, tmp_path)
+        histories = plant_histories.make_histories(pool, (*SMALL, ALONE), PRESENT, 0, tmp_path)
         if failing is not None:
             with pytest.raises(InputError, match=failing.name):
                 list(histories)
         else:
-            assert {history.axis.name for history in histories} == {axis.name for axis in SMALL}
-            assert templates == {HEALTHY.name: None, ABSENT.name: HEALTHY.name, ALIKE.name: HEALTHY.name}
+            assert {history.axis.name for history in histories} == {axis.name for axis in (*SMALL, ALONE)}
+            alike = dict.fromkeys([ABSENT.name, ALIKE.name], HEALTHY.name)
+            assert templates == {HEALTHY.name: None, ALONE.name: None} | alike

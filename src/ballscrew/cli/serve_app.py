@@ -122,11 +122,10 @@ def _serve_demo(data: Path | None, config: Path | None, options: dict[str, Any])
     """Make a simulated plant, unless it exists, and serve it."""
     from ballscrew.service.demo_processes import demo_processes
 
-    is_new = data is None or not data.exists()
     with ExitStack() as stack:
         with (
             progress_bar("making the simulated plant", as_lines=True) as progress,
-            demo_processes(early=is_new) as pool,
+            demo_processes(early=data is None) as pool,
         ):
             from ballscrew.service.demo import demo_store
             from ballscrew.service.server import serve as serve_store

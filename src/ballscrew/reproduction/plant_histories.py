@@ -64,7 +64,7 @@ def make_histories(
     followers[first.name] += rest
     making = _Making(pool, present, seed, folder, followers)
     making.record(first)
-    pool.submit(_compile_detection)
+    compiled = pool.submit(_compile_detection)
     for axis in rest:
         making.record(axis)
     _compile_analysis()  # in this process: the second one still imports
@@ -74,6 +74,7 @@ def make_histories(
     history.add_done_callback(partial(making.complete, first))  # from now on all axes are being recorded
     for _ in axes:
         yield making.finished.get().result()
+    compiled.result()  # the error, if there was one
 
 
 @dataclass(frozen=True)

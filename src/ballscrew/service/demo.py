@@ -28,6 +28,7 @@ from ballscrew.reproduction.plant_runs import AxisHistory
 from ballscrew.service.access import Caller
 from ballscrew.service.alarms import Action, act, watch_for_silence
 from ballscrew.service.axes import AxisSetup, NewEvent, Schedule, add_axis_events, add_axis_model, set_up_axis
+from ballscrew.service.demo_processes import shut_down
 from ballscrew.service.jobs import ANALYSE, ASSESS, Lease
 from ballscrew.service.runs import QUEUED, Completion, SentFile, complete_run, store_result
 from ballscrew.service.serving import ServedStore, Service
@@ -93,7 +94,14 @@ def demo_store(data: Path | None, pool: Executor, progress: Progress = ignore_pr
 def _is_plant(data: Path) -> bool:
     """Whether a folder contains a simulated plant; False if there is nothing in it."""
     folder = DataFolder(data)
-    if folder.exists():
+    try:
+        exists = folder.exists()
+        is_empty = not data.exists()
+        if data.is_dir():
+            is_empty = not any(data.iterdir())
+    except OSError as error:  # such as a name that is too long
+        raise InputError(f"{data}: cannot be read ({error.strerror or error}).") from None
+    if exists:
         if not folder.is_simulated():
             raise InputError(f"{data}: contains another store; --demo needs a new folder.")
         try:
@@ -101,7 +109,7 @@ def _is_plant(data: Path) -> bool:
         except InputError as error:  # such as an older schema
             raise InputError(f"{str(error).rstrip('.')}, or give --demo a new folder.") from None
         return True
-    if data.exists() and (not data.is_dir() or any(data.iterdir())):
+    if not is_empty:
         raise InputError(f"{data}: contains other files; --demo needs a new folder.")
     return False
 
@@ -154,7 +162,7 @@ def make_plant(
     with (
         data.locked("serve --demo", serving=True),
         tempfile.TemporaryDirectory(prefix="recordings-", dir=folder) as recordings,
-        _shut_down(pool),
+        shut_down(pool),  # before what the processes write is removed
     ):
         service = Service(ServedStore(folder), read_settings(folder, None, {}))
         service.partial.mkdir()
@@ -176,15 +184,6 @@ def make_plant(
         for writing in (False, True):
             service.store.engine(writing=writing).dispose()
     data.create(None, simulated=True)
-
-
-@contextmanager
-def _shut_down(pool: Executor) -> Iterator[None]:
-    """Shut processes down at the end, before what they write is removed."""
-    try:
-        yield
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 @dataclass(frozen=True)

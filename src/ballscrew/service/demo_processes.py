@@ -1,4 +1,4 @@
-"""Processes of ``serve --demo``; this module imports little, so that they begin at once."""
+"""Processes of ``serve --demo``; this module imports little, so that they begin early."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from importlib import import_module
+from threading import Thread
 
 _PROCESSES = 2
 
@@ -20,27 +21,49 @@ def demo_processes(*, early: bool = False) -> Iterator[ProcessPoolExecutor]:
     Parameters
     ----------
     early : bool
-        Whether one of them begins at once. All begin when they have something to do.
+        Whether one process begins at once, to import what it needs; else each begins with its first task.
 
     Yields
     ------
     ProcessPoolExecutor
-        After an error or an interrupt, what they have not begun is not done.
+        Used within :func:`shut_down`.
     """
     pool = ProcessPoolExecutor(_PROCESSES, multiprocessing.get_context("spawn"), _begin_process)
     if early:
+        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a process that begins ignores it too
         pool.submit(_import_all)
-    try:
+        signal.signal(signal.SIGINT, handler)
+    with shut_down(pool):
         yield pool
+
+
+@contextmanager
+def shut_down(pool: Executor) -> Iterator[None]:
+    """Shut processes down at the end; after an error or an interrupt, end them at once."""
+    try:
+        yield
+    except BaseException:
+        for process in multiprocessing.active_children():
+            process.terminate()
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
 
 
 def _begin_process() -> None:
-    """Ignore Ctrl-C, which the main process handles, and lower the priority: the main one has most to do."""
+    """Ignore Ctrl-C, which the main process handles; lower the priority, since that one has most to do."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(5)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this process when the main one has ended, in whatever way."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _import_all() -> None:

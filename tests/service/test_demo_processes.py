@@ -1,0 +1,88 @@
+"""Processes of the demo end with the main one, however it ends; the command makes a plant, and serves it."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ballscrew.cli import serve_app
+from ballscrew.service import demo, demo_processes, server
+
+_LONG = 600.0  # s: a test that waits for it fails
+
+
+def test_an_interrupt_ends_the_processes() -> None:
+    begun: list[int] = []
+
+    def interrupt() -> None:
+        with demo_processes.demo_processes() as pool:
+            begun.append(pool.submit(os.getpid).result())
+            pool.submit(time.sleep, _LONG)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupt()
+    assert begun[0] not in {process.pid for process in multiprocessing.active_children()}
+
+
+def test_a_process_ends_with_the_main_one(tmp_path: Path) -> None:
+    """It holds the pipe of the output open: that ends when the process has ended."""
+    program = tmp_path / "main.py"
+    program.write_text(
+        "import os, time\n"
+        "from ballscrew.service.demo_processes import demo_processes\n"
+        "if __name__ == '__main__':\n"
+        "    with demo_processes() as pool:\n"
+        "        print(pool.submit(os.getpid).result(), flush=True)\n"
+        f"        pool.submit(time.sleep, {_LONG})\n"
+        "        os._exit(3)\n"
+    )
+    done = subprocess.run(  # noqa: S603
+        [sys.executable, str(program)], stdout=subprocess.PIPE, text=True, timeout=_LONG / 2, check=False
+    )
+    assert done.returncode == 3
+    assert int(done.stdout) != os.getpid()
+
+
+def test_what_a_process_imports_exists() -> None:
+    demo_processes._import_all()
+    assert "ballscrew.reproduction.plant_runs" in sys.modules
+
+
+@pytest.mark.parametrize("data", [None, "plant"])
+def test_the_command_makes_a_plant_and_serves_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, data: str | None
+) -> None:
+    given = None if data is None else tmp_path / data
+    done: list[Any] = []
+
+    @contextmanager
+    def processes(*, early: bool) -> Iterator[ProcessPoolExecutor]:
+        done.append(early)
+        with ProcessPoolExecutor(1) as pool:  # begins no process before it has something to do
+            yield pool
+        done.append("shut down")
+
+    @contextmanager
+    def store(folder: Path | None, pool: Executor, _progress: Any) -> Iterator[Path]:
+        assert isinstance(pool, ProcessPoolExecutor)
+        done.append(folder)
+        yield tmp_path / "made"
+        done.append("removed")
+
+    monkeypatch.setattr(demo_processes, "demo_processes", processes)
+    monkeypatch.setattr(demo, "demo_store", store)
+    monkeypatch.setattr(server, "serve", lambda folder, **options: done.append((folder, options)))
+    assert serve_app.serve(data=given, port=0, demo=True) == 0
+    served = (tmp_path / "made", {"config": None, "port": 0})
+    assert done == [data is None, given, "shut down", served, "removed"]
