@@ -107,7 +107,8 @@ def _matched_scores(
             rows = slice(*w.spans[cell], _EVERY)
             ratio = orders * speeds[cell] / frequencies[cell]
             gain = 1 / (1 - ratio**2 + 2j * sign * damping[cell] * ratio)
-            angle = 2 * math.pi / lead * np.outer(orders, w.place[rows])
+            turn = np.outer(orders, w.place[rows] / lead)
+            angle = (2 * math.pi * (turn - np.round(turn))).astype(np.float32)  # its cosine takes a third
             wave = np.cos(angle) @ residual[rows] - 1j * (np.sin(angle) @ residual[rows])
             total += gain.conj()[:, None] * wave
             power += np.abs(gain) ** 2 * len(w.place[rows])

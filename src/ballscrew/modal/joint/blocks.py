@@ -15,9 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.columns import BELOW_NYQUIST, differences, fill_columns, pitching_response
+from ballscrew.modal.joint.columns import (
+    BELOW_NYQUIST,
+    differences,
+    fill_change,
+    fill_columns,
+    pitching_response,
+)
 from ballscrew.modal.joint.mode import AxialMode, coupled_poles, local_compliance, mode_frequency
-from ballscrew.modal.joint.simulation import SOFTENING, simulate_mode
+from ballscrew.modal.joint.simulation import SOFTENING, pass_band, simulate_mode
 from ballscrew.modal.joint.whitening import free_responses, whiten_windows, whitening_filter
 from ballscrew.modal.joint.windows import Windows
 
@@ -240,14 +246,21 @@ def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None)
     if simulation is None:
         simulation = simulate(b, mode)
     w = b.windows
-    of_mode, pitching = 2, np.empty(0)
-    if b.name != "torque-motor":
-        of_mode, pitching = 5, np.empty(len(w.place))
-        angular = _pitch_angular(mode, w)
-        pitching_response(simulation.response, w.first, angular, mode.pitch_damping, 1 / w.rate, pitching)
+    pitching = _pitching(b, mode, simulation)
+    of_mode = 5 if len(pitching) else 2
     columns = np.empty((len(w.place), of_mode + b.known.shape[1] + b.ripple.shape[1]))
     fill_columns(simulation.response, pitching, b.known, simulation.to_ripple, w.first, columns)
     return columns
+
+
+def _pitching(b: Block, mode: AxialMode, simulation: Simulation) -> Array:
+    """Response of the pitching mode, shape (n,); empty for the motor's acceleration, which has none."""
+    if b.name == "torque-motor":
+        return np.empty(0)
+    w, out = b.windows, np.empty(len(b.windows.place))
+    angular = _pitch_angular(mode, w)
+    pitching_response(simulation.response, w.first, angular, mode.pitch_damping, 1 / w.rate, out)
+    return out
 
 
 def ripple_columns(b: Block, mode: AxialMode) -> Array:
@@ -265,24 +278,59 @@ def raw_columns_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[
     modes : sequence of AxialMode
         One per block.
     """
-    simulations: dict[tuple[int, AxialMode], Simulation] = {}
+    simulations = simulations_of(blocks, modes)
+    return [raw_columns(*each) for each in zip(blocks, modes, simulations, strict=True)]
+
+
+def simulations_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[Simulation]:
+    """Simulation of each block; those with the same drive and mode share it."""
+    found: dict[tuple[int, AxialMode], Simulation] = {}
     out = []
     for b, mode in zip(blocks, modes, strict=True):
         drive = (b.mode_index, mode)
-        if drive not in simulations:
-            simulations[drive] = simulate(b, mode)
-        out.append(raw_columns(b, mode, simulations[drive]))
+        if drive not in found:
+            found[drive] = simulate(b, mode)
+        out.append(found[drive])
+    return out
+
+
+def model_change(
+    b: Block, mode: AxialMode, simulation: Simulation, weights: Array, now: Array, step: float
+) -> Array:
+    """Difference quotient of the model of a block.
+
+    Parameters
+    ----------
+    b : Block
+        Without columns that do not depend on the mode.
+    mode : AxialMode
+        The changed mode.
+    simulation : Simulation
+        Of this mode.
+    weights : ndarray, shape (columns, responses)
+        Of :func:`raw_columns`.
+    now : ndarray, shape (n, responses)
+        The model before the change.
+    step : float
+        Of the parameter.
+
+    Returns
+    -------
+    ndarray, shape (n, responses)
+        Change of the model over the step.
+    """
+    pitching, out = _pitching(b, mode, simulation), np.empty(now.shape)
+    columns = simulation.response, pitching, simulation.to_ripple
+    fill_change(*columns, b.windows.first, weights, now, step, out)
     return out
 
 
 def _in_band(w: Windows, forces: Array) -> Array:
     """Forces through the filter of the band, each window from rest."""
-    from scipy.signal import sosfilt
-
-    if not forces.size:
-        return forces
-    filtered = [sosfilt(w.band.sections, forces[start:stop], axis=0) for start, stop in w.spans]
-    return np.ascontiguousarray(np.concatenate(filtered))  # one layout: others are compiled for themselves
+    filtered = np.array(forces, order="C")  # one layout: others are compiled for themselves
+    if filtered.size:
+        pass_band(w.first, w.band.numerator, w.band.denominator, filtered)
+    return filtered
 
 
 def _pitch_angular(mode: AxialMode, w: Windows) -> float:

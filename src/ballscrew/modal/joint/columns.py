@@ -118,3 +118,52 @@ def fill_columns(
             columns[i, 2] = second[i]
             columns[i, 3] = pitching[i]
             columns[i, 4] = pitching_derivative[i]
+
+
+@compiled()
+def fill_change(
+    response: Array,
+    pitching: Array,
+    ripple: Array,
+    first: NDArray[np.int64],
+    weights: Array,
+    now: Array,
+    step: float,
+    change: Array,
+) -> None:
+    """Fill the change of a model: columns times their weights, less the model as it is.
+
+    Parameters
+    ----------
+    response, pitching, ripple, first
+        As for :func:`fill_columns`, without columns that do not depend on the mode.
+    weights : ndarray, shape (2 + k, responses) or (5 + k, responses)
+        Of the columns in each response.
+    now : ndarray, shape (n, responses)
+        The model as it is.
+    step : float
+        Divides the change.
+    change : ndarray, shape (n, responses)
+        Filled.
+    """
+    nut = pitching.shape[0] > 0
+    own = 5 if nut else 2
+    derivative = differences(response, first)
+    second, pitching_derivative = derivative, derivative
+    if nut:
+        second, pitching_derivative = differences(derivative, first), differences(pitching, first)
+    for r in range(change.shape[1]):
+        of_response, of_derivative = weights[0, r] / step, weights[1, r] / step
+        for i in range(change.shape[0]):
+            change[i, r] = of_response * response[i] + of_derivative * derivative[i] - now[i, r] / step
+        if nut:
+            of_second, of_pitching, of_last = weights[2, r] / step, weights[3, r] / step, weights[4, r] / step
+            for i in range(change.shape[0]):
+                change[i, r] += (
+                    of_second * second[i] + of_pitching * pitching[i] + of_last * pitching_derivative[i]
+                )
+        for k in range(ripple.shape[1]):
+            weight = weights[own + k, r] / step
+            if weight != 0:
+                for i in range(change.shape[0]):
+                    change[i, r] += weight * ripple[i, k]

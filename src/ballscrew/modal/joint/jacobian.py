@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.blocks import Block, Projection, raw_columns_of, whiten
+from ballscrew.modal.joint.blocks import Block, Projection, model_change, simulations_of, whiten
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.parameters import LOCAL, Modes, Parameter, modes_with, stop_of
 
@@ -63,8 +63,8 @@ def model_jacobian(
         step = _STEPS.get(field, _STEP)
         shifted = values.copy()
         shifted[k] += step
-        for i, change in models.changes(modes, modes_with(modes, blocks, parameters, shifted)):
-            changes[i][k] = change / step
+        for i, change in models.changes(modes, modes_with(modes, blocks, parameters, shifted), step):
+            changes[i][k] = change
     columns = {stop_of(field): k for k, (field, _) in enumerate(parameters) if field.startswith(LOCAL)}
     if columns:
         _fill_local(models, modes, columns, changes)
@@ -111,12 +111,13 @@ class _FixedWeights:
                 forces.append(b.ripple @ s.weights[-b.ripple.shape[1] :])
         return np.column_stack(forces)
 
-    def changes(self, modes: Modes, shifted: Sequence[AxialMode]) -> Iterator[tuple[int, Array]]:
-        """Index of each block whose mode is shifted, and the change of its model, shape (n, responses)."""
+    def changes(self, modes: Modes, shifted: Sequence[AxialMode], step: float) -> Iterator[tuple[int, Array]]:
+        """Index of each block whose mode is shifted, and the change of its model over the step."""
         concerned = [i for i, mode in enumerate(modes) if shifted[i] != mode]
-        raw = raw_columns_of([self.blocks[i] for i in concerned], [shifted[i] for i in concerned])
-        for i, columns in zip(concerned, raw, strict=True):
-            yield i, columns @ self._weights[i] - self._now[i]
+        blocks, modes_then = [self.blocks[i] for i in concerned], [shifted[i] for i in concerned]
+        for i, simulation in zip(concerned, simulations_of(blocks, modes_then), strict=True):
+            weights, now = self._weights[i], self._now[i]
+            yield i, model_change(self.blocks[i], shifted[i], simulation, weights, now, step)
 
 
 def _fill_local(
@@ -134,7 +135,7 @@ def _fill_local(
             local = np.array(mode.local)
             local[offset::_INTERLEAVED] += _LOCAL_STEP
             varied.append(replace(mode, local=tuple(local.tolist())))
-        for i, change in models.changes(modes, varied):
+        for i, change in models.changes(modes, varied, _LOCAL_STEP):
             w = models.blocks[i].windows
             for start, end in w.spans:
                 place = w.place[start:end]
@@ -144,4 +145,4 @@ def _fill_local(
                     k = columns[stop]
                     if k not in changes[i]:
                         changes[i][k] = np.zeros_like(change)
-                    changes[i][k][start:end] = change[start:end] / _LOCAL_STEP
+                    changes[i][k][start:end] = change[start:end]

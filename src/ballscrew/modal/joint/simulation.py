@@ -291,10 +291,10 @@ def simulate_mode(  # noqa: PLR0913  the compiled part of a simulation
     along = _along_axis(place, local, constant_force, parameters, softening)
     factors = np.empty((place.shape[0], 2))
     _respond_to_drive(drive, along, first, order, parameters, softening, frame, table, dt, factors, out)
-    _pass_band(first, numerator, denominator, out.reshape(out.shape[0], 1))
+    pass_band(first, numerator, denominator, out.reshape(out.shape[0], 1))
     if ripple.shape[1] > 0:
         _respond_to_ripple(ripple, factors, first, frame, dt, ripple_response)
-        _pass_band(first, numerator, denominator, ripple_response)
+        pass_band(first, numerator, denominator, ripple_response)
 
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
@@ -362,8 +362,18 @@ def _respond_to_ripple(
 
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
-def _pass_band(first: NDArray[np.int64], numerator: Array, denominator: Array, values: Array) -> None:
-    """Filter columns in place, each window from rest."""
+def pass_band(first: NDArray[np.int64], numerator: Array, denominator: Array, values: Array) -> None:
+    """Filter columns in place, each window from rest.
+
+    Parameters
+    ----------
+    first : ndarray, shape (windows + 1,)
+        First sample of each window, and the end of the last.
+    numerator, denominator : ndarray, shape (sections, 3) and (sections, 2)
+        Filter as second-order sections.
+    values : ndarray, shape (n, columns)
+        Overwritten.
+    """
     for window in range(first.shape[0] - 1):
         memory = np.zeros((values.shape[1], numerator.shape[0], 2))
         for i in range(first[window], first[window + 1]):
