@@ -7,17 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import sosfilt
 from tests.modal.joint.conftest import SmallRun
 
 from ballscrew.modal.joint import windows
 from ballscrew.modal.joint.blocks import (
     Block,
     make_block,
+    model_change,
     orthonormaliser,
     project,
     raw_columns,
     raw_columns_of,
     remaining_power,
+    simulate,
     whiten,
     with_whitening,
 )
@@ -67,6 +70,35 @@ def test_what_is_left_over_is_what_the_residual_has(run: SmallRun, blocks: list[
             power = remaining_power(b, raw_columns(b, there), like)
             solved = project(b, there, like.free)
             assert power == pytest.approx(float(np.sum(solved.residual**2)), rel=1e-9)
+
+
+@pytest.mark.parametrize("step", [1e-4, 0.3])
+def test_the_change_of_a_model_is_that_of_its_columns_times_their_weights(run: SmallRun, step: float) -> None:
+    random, mode = np.random.default_rng(0), shape(150.0)
+    w = average_windows(run.trips, run.transients, 1.0, 90.0, 300.0)
+    assert w is not None
+    force = random.normal(size=(len(w.place), 2))
+    for name in ("torque-nut", "torque-motor"):
+        b = make_block(name, w, ripple=force)
+        b = replace(b, known=np.empty((len(force), 0)))
+        columns = raw_columns(b, mode)
+        weights, now = random.normal(size=(columns.shape[1], b.target.shape[1])), random.normal(b.target)
+        weights[-1] = 0.0
+        found = model_change(b, mode, simulate(b, mode), weights, now, step)
+        expected = (columns @ weights - now) / step
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
+
+
+def test_known_columns_of_forces_are_in_the_band(run: SmallRun) -> None:
+    w = average_windows(run.trips, run.transients, 1.0, 90.0, 300.0)
+    assert w is not None
+    force = np.random.default_rng(0).normal(size=(len(w.place), 3))
+    given = force.copy()
+    found = make_block("torque-nut", w, ripple=force).known[:, -3:]
+    np.testing.assert_array_equal(force, given)
+    for start, stop in w.spans:
+        expected = sosfilt(w.band.sections, force[start:stop], axis=0)
+        np.testing.assert_allclose(found[start:stop], expected, rtol=1e-9, atol=1e-12)
 
 
 def test_blocks_with_the_same_drive_have_the_columns_of_a_simulation_of_their_own(
