@@ -14,8 +14,8 @@ from ballscrew.modal.joint import windows
 from ballscrew.modal.joint.blocks import (
     Block,
     make_block,
-    model_change,
     orthonormaliser,
+    pitching_of,
     project,
     raw_columns,
     raw_columns_of,
@@ -24,6 +24,7 @@ from ballscrew.modal.joint.blocks import (
     whiten,
     with_whitening,
 )
+from ballscrew.modal.joint.columns import fill_change
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
 from ballscrew.modal.joint.windows import average_windows
 
@@ -84,7 +85,9 @@ def test_the_change_of_a_model_is_that_of_its_columns_times_their_weights(run: S
         columns = raw_columns(b, mode)
         weights, now = random.normal(size=(columns.shape[1], b.target.shape[1])), random.normal(b.target)
         weights[-1] = 0.0
-        found = model_change(b, mode, simulate(b, mode), weights, now, step)
+        simulation, found = simulate(b, mode), np.empty(now.shape)
+        pitching = pitching_of(b, mode, simulation)
+        fill_change(simulation.response, pitching, simulation.to_ripple, w.first, weights, now, step, found)
         expected = (columns @ weights - now) / step
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 

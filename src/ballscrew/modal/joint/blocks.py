@@ -15,13 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.columns import (
-    BELOW_NYQUIST,
-    differences,
-    fill_change,
-    fill_columns,
-    pitching_response,
-)
+from ballscrew.modal.joint.columns import BELOW_NYQUIST, differences, fill_columns, pitching_response
 from ballscrew.modal.joint.mode import AxialMode, coupled_poles, local_compliance, mode_frequency
 from ballscrew.modal.joint.simulation import SOFTENING, pass_band, simulate_mode
 from ballscrew.modal.joint.whitening import free_responses, whiten_windows, whitening_filter
@@ -246,14 +240,14 @@ def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None)
     if simulation is None:
         simulation = simulate(b, mode)
     w = b.windows
-    pitching = _pitching(b, mode, simulation)
+    pitching = pitching_of(b, mode, simulation)
     of_mode = 5 if len(pitching) else 2
     columns = np.empty((len(w.place), of_mode + b.known.shape[1] + b.ripple.shape[1]))
     fill_columns(simulation.response, pitching, b.known, simulation.to_ripple, w.first, columns)
     return columns
 
 
-def _pitching(b: Block, mode: AxialMode, simulation: Simulation) -> Array:
+def pitching_of(b: Block, mode: AxialMode, simulation: Simulation) -> Array:
     """Response of the pitching mode, shape (n,); empty for the motor's acceleration, which has none."""
     if b.name == "torque-motor":
         return np.empty(0)
@@ -291,37 +285,6 @@ def simulations_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[
         if drive not in found:
             found[drive] = simulate(b, mode)
         out.append(found[drive])
-    return out
-
-
-def model_change(
-    b: Block, mode: AxialMode, simulation: Simulation, weights: Array, now: Array, step: float
-) -> Array:
-    """Difference quotient of the model of a block.
-
-    Parameters
-    ----------
-    b : Block
-        Without columns that do not depend on the mode.
-    mode : AxialMode
-        The changed mode.
-    simulation : Simulation
-        Of this mode.
-    weights : ndarray, shape (columns, responses)
-        Of :func:`raw_columns`.
-    now : ndarray, shape (n, responses)
-        The model before the change.
-    step : float
-        Of the parameter.
-
-    Returns
-    -------
-    ndarray, shape (n, responses)
-        Change of the model over the step.
-    """
-    pitching, out = _pitching(b, mode, simulation), np.empty(now.shape)
-    columns = simulation.response, pitching, simulation.to_ripple
-    fill_change(*columns, b.windows.first, weights, now, step, out)
     return out
 
 

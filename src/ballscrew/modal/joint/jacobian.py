@@ -13,7 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.blocks import Block, Projection, model_change, simulations_of, whiten
+from ballscrew.modal.joint.blocks import Block, Projection, pitching_of, simulations_of, whiten
+from ballscrew.modal.joint.columns import fill_change
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.parameters import LOCAL, Modes, Parameter, modes_with, stop_of
 
@@ -114,10 +115,13 @@ class _FixedWeights:
     def changes(self, modes: Modes, shifted: Sequence[AxialMode], step: float) -> Iterator[tuple[int, Array]]:
         """Index of each block whose mode is shifted, and the change of its model over the step."""
         concerned = [i for i, mode in enumerate(modes) if shifted[i] != mode]
-        blocks, modes_then = [self.blocks[i] for i in concerned], [shifted[i] for i in concerned]
-        for i, simulation in zip(concerned, simulations_of(blocks, modes_then), strict=True):
-            weights, now = self._weights[i], self._now[i]
-            yield i, model_change(self.blocks[i], shifted[i], simulation, weights, now, step)
+        simulations = simulations_of([self.blocks[i] for i in concerned], [shifted[i] for i in concerned])
+        for i, simulation in zip(concerned, simulations, strict=True):
+            b, now = self.blocks[i], self._now[i]
+            columns = simulation.response, pitching_of(b, shifted[i], simulation), simulation.to_ripple
+            change = np.empty(now.shape)
+            fill_change(*columns, b.windows.first, self._weights[i], now, step, change)
+            yield i, change
 
 
 def _fill_local(
