@@ -27,7 +27,9 @@ def test_an_interrupt_ends_the_processes() -> None:
     def interrupt() -> None:
         with demo_processes.demo_processes() as pool:
             begun.append(pool.submit(os.getpid).result())
-            pool.submit(time.sleep, _LONG)
+            long = pool.submit(time.sleep, _LONG)
+            while not long.running():  # before, it would be cancelled
+                time.sleep(0.01)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
