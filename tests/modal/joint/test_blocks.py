@@ -125,6 +125,16 @@ def test_the_residual_is_orthogonal_to_the_columns_and_to_the_ringing(
             assert np.abs(solved.free[start:stop].T @ solved.residual[start:stop]).max() < 1e-9 * size
 
 
+def test_products_are_those_of_signals_without_their_parts_along_the_columns(blocks: list[Block]) -> None:
+    solved, random = project(blocks[0], shape(150.0)), np.random.default_rng(0)
+    along = solved.columns @ random.normal(size=(solved.columns.shape[1], 4))
+    values = along + 0.1 * np.std(along, axis=0) * random.normal(size=along.shape)
+    without = solved.without_columns(values)
+    assert np.abs(solved.columns.T @ without).max() < 1e-6 * np.abs(solved.columns.T @ values).max()
+    expected = without.T @ without
+    np.testing.assert_allclose(solved.products(values), expected, atol=1e-6 * np.abs(expected).max())
+
+
 def test_columns_that_are_alike_count_once() -> None:
     random = np.random.default_rng(0)
     columns = random.normal(size=(50, 3)) * [1.0, 1e3, 1e-3]

@@ -119,6 +119,6 @@ def _matched_scores(
 def _explained(block: Block, mode: AxialMode, solved: Projection, forces: Array) -> float:
     """Power of the residual that forces explain."""
     b = replace(make_block(block.name, block.windows, ripple=forces), counted=block.counted)
-    columns = solved.without_columns(whiten(b, ripple_columns(b, mode), solved.free))
-    to_basis = orthonormaliser(columns.T @ columns, _RANK_TOLERANCE)
+    columns = whiten(b, ripple_columns(b, mode), solved.free)
+    to_basis = orthonormaliser(solved.products(columns), _RANK_TOLERANCE)
     return float(np.sum((to_basis.T @ (columns.T @ solved.residual)) ** 2))

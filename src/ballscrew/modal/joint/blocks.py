@@ -128,10 +128,18 @@ class Projection:
         """Part of the power of the target that is not explained."""
         return float(np.sum(self.residual**2)) / max(self.total, 1e-300)
 
+    def along_columns(self, values: Array) -> Array:
+        """Whitened signals, shape (n, k), in the orthonormal basis of the columns, shape (rank, k)."""
+        return self.to_basis.T @ (self.columns.T @ values)
+
     def without_columns(self, values: Array) -> Array:
         """Whitened signals, shape (n, k), without what the columns explain of them."""
-        in_basis = self.to_basis.T @ (self.columns.T @ values)
-        return values - self.columns @ (self.to_basis @ in_basis)
+        return values - self.columns @ (self.to_basis @ self.along_columns(values))
+
+    def products(self, values: Array) -> Array:
+        """AᵀA of :meth:`without_columns`, in less time: shape (k, k)."""
+        along = self.along_columns(values)
+        return values.T @ values - along.T @ along
 
 
 @dataclass(frozen=True, slots=True)

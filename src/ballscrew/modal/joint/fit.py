@@ -20,7 +20,7 @@ from ballscrew.modal.joint.blocks import (
     raw_columns_of,
     remaining_power,
 )
-from ballscrew.modal.joint.jacobian import model_jacobian
+from ballscrew.modal.joint.jacobian import model_jacobian, normal_equations
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.parameters import (
     MODE_FIELDS,
@@ -199,15 +199,13 @@ class _Problem:
         state = self._solved(first, values, raw_columns_of(self.blocks, first), 0)
         damping = _FIRST_DAMPING
         while state.steps < most_steps:
-            linear = self.linearised(state)
-            cost = self._cost([float(r @ r) for r in linear.residual], state.values)
-            step = self._damped_step(linear, state.values, cost, damping)
+            step = self._damped_step(state, damping)
             if step is None:
                 break
             values, raw, damping, gain = step
             changed = modes_with(state.modes, self.blocks, self.parameters, values)
             state = self._solved(changed, values, raw, state.steps + 1)
-            if gain < least_gain * cost:
+            if gain < least_gain:
                 break
         return state
 
@@ -225,24 +223,26 @@ class _Problem:
         hessian = sum((j.T @ j for j in jacobian), self.prior_rows.T @ self.prior_rows)
         return JointFit(modes, self.blocks, solved, self.parameters, jacobian, residual, hessian, state.steps)
 
-    def _damped_step(
-        self, now: JointFit, values: Array, cost: float, damping: float
-    ) -> tuple[Array, list[Array], float, float] | None:
+    def _damped_step(self, now: _State, damping: float) -> tuple[Array, list[Array], float, float] | None:
         """The first step that lowers the cost, with ever more damping; not across a limit of a parameter.
 
-        Returns values, raw columns, damping of the next step, and the reduction of the cost; None if no step
-        lowers it.
+        Returns values, raw columns, damping of the next step, and the part by which the cost is lowered; None
+        if no step lowers it.
         """
+        values = now.values
         weights = [_weight(b, s) for b, s in zip(self.blocks, now.solved, strict=True)]
-        descent = np.zeros(len(self.parameters))  # negative gradient of half the cost
-        for jacobian, residual in zip(now.jacobian, now.residual, strict=True):
-            descent += jacobian.T @ residual
-        descent -= self.prior_rows.T @ (self.prior_rows @ values - self.prior_values)
+        powers = [float(np.sum((s.residual * w) ** 2)) for s, w in zip(now.solved, weights, strict=True)]
+        cost = self._cost(powers, values)
+        hessian, descent = normal_equations(
+            self.blocks, now.modes, now.solved, weights, self.parameters, values
+        )
+        hessian += self.prior_rows.T @ self.prior_rows
+        descent -= self.prior_rows.T @ (self.prior_rows @ values - self.prior_values)  # half the gradient
         low, high = limits_of(self.parameters)
         free = ~((values <= low) & (descent < 0) | (values >= high) & (descent > 0))
         if not free.any():
             return None
-        hessian, change = now.hessian[np.ix_(free, free)], np.zeros(len(values))
+        hessian, change = hessian[np.ix_(free, free)], np.zeros(len(values))
         for _ in range(_TRIALS):
             damped = hessian + damping * np.diag(np.diag(hessian) + 1e-12)
             change[free] = np.linalg.solve(damped, descent[free])
@@ -253,7 +253,7 @@ class _Problem:
                 powers.append(remaining_power(b, columns, solved) * weight**2)
             gain = cost - self._cost(powers, trial)
             if gain > 0:
-                return trial, raw, max(damping / _DAMPING_FACTOR, _LEAST_DAMPING), gain
+                return trial, raw, max(damping / _DAMPING_FACTOR, _LEAST_DAMPING), gain / cost
             damping = max(damping * _DAMPING_FACTOR, _LEAST_RAISED)
         return None
 

@@ -56,6 +56,57 @@ def model_jacobian(
     list of ndarray, shape (n * responses, parameters)
         One per block.
     """
+    out = []
+    derivatives = _whitened_derivatives(blocks, modes, solved, parameters, values)
+    for s, weight, (own, of_model) in zip(solved, weights, derivatives, strict=True):
+        column = weight * np.eye(len(parameters))[own]  # of each derivative
+        out.append(s.without_columns(of_model).reshape(s.residual.size, len(own)) @ column)
+    return out
+
+
+def normal_equations(
+    blocks: Sequence[Block],
+    modes: Modes,
+    solved: Sequence[Projection],
+    weights: Sequence[float],
+    parameters: Sequence[Parameter],
+    values: Array,
+) -> tuple[Array, Array]:
+    """JᵀJ and Jᵀr of :func:`model_jacobian` and the weighted residuals, in less time than from J.
+
+    Parameters
+    ----------
+    blocks, modes, solved, weights, parameters, values
+        As for :func:`model_jacobian`.
+
+    Returns
+    -------
+    hessian : ndarray, shape (parameters, parameters)
+        JᵀJ, summed over the blocks.
+    descent : ndarray, shape (parameters,)
+        Jᵀr, summed over the blocks.
+    """
+    hessian, descent = np.zeros((len(parameters),) * 2), np.zeros(len(parameters))
+    derivatives = _whitened_derivatives(blocks, modes, solved, parameters, values)
+    for s, weight, (own, of_model) in zip(solved, weights, derivatives, strict=True):
+        along = s.along_columns(of_model).reshape(-1, len(own))
+        of_model = of_model.reshape(-1, len(own))
+        hessian[np.ix_(own, own)] += weight**2 * (of_model.T @ of_model - along.T @ along)
+        descent[own] += weight**2 * (of_model.T @ s.residual.ravel())  # orthogonal to the columns
+    return hessian, descent
+
+
+def _whitened_derivatives(
+    blocks: Sequence[Block],
+    modes: Modes,
+    solved: Sequence[Projection],
+    parameters: Sequence[Parameter],
+    values: Array,
+) -> Iterator[tuple[list[int], Array]]:
+    """Whitened derivatives of each model, shape (n, responses * k), by the k parameters that it depends on.
+
+    Their indices come first.
+    """
     models = _FixedWeights(blocks, solved)
     changes: list[dict[int, Array]] = [{} for _ in solved]  # of each model, by parameter
     for k, (field, _) in enumerate(parameters):
@@ -69,16 +120,11 @@ def model_jacobian(
     columns = {stop_of(field): k for k, (field, _) in enumerate(parameters) if field.startswith(LOCAL)}
     if columns:
         _fill_local(models, modes, columns, changes)
-    out = []
-    for b, s, weight, of_model in zip(blocks, solved, weights, changes, strict=True):
-        jacobian = np.zeros((s.residual.size, len(parameters)))
-        if of_model:
-            stacked = np.stack(list(of_model.values()), axis=2).reshape(len(s.residual), -1)
-            whitened = s.without_columns(whiten(b, stacked, s.free))
-            column = weight * np.eye(len(parameters))[list(of_model)]  # of each derivative
-            jacobian = whitened.reshape(-1, len(of_model)) @ column
-        out.append(jacobian)
-    return out
+    for b, s, of_model in zip(blocks, solved, changes, strict=True):
+        stacked = np.empty((*s.residual.shape, len(of_model)))
+        for place, change in enumerate(of_model.values()):
+            stacked[:, :, place] = change
+        yield list(of_model), whiten(b, stacked.reshape(len(stacked), -1), s.free)
 
 
 class _FixedWeights:

@@ -262,10 +262,10 @@ def select_orders(
     least = max(_LEAST_POWER, _CHANCE / independent) * float(np.sum(residual**2))
     forces = harmonics.reshape(len(harmonics), 2 * count)
     with_ripple = make_block(name, w, from_rest=from_rest, ripple=forces)
-    columns = solved.without_columns(whiten(b, ripple_columns(with_ripple, mode), solved.free))
+    columns = whiten(b, ripple_columns(with_ripple, mode), solved.free)
     # Columns of one order: cosine and sine, in the band and through the mode.
     of_order = np.arange(columns.shape[1]).reshape(-1, count, 2).transpose(1, 0, 2).reshape(count, -1)
-    products, correlation = columns.T @ columns, columns.T @ residual  # all that the selection needs
+    products, correlation = solved.products(columns), columns.T @ residual  # all that the selection needs
     lowest = math.ceil(w.band.low * lead / float(np.abs(w.speed).max()))
     candidates = set(range(lowest, count + 1))
     found: list[int] = []

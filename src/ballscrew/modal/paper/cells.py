@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from operator import attrgetter
 from typing import Any
 
@@ -81,6 +81,7 @@ def identify_cells(
         keys |= {CellKey(c.position, str(c.condition), c.motion) for c in planned_cells(plan)}
     results: Results = {}
     spectra: dict[CellKey, Spectra] = {}
+    predict_at = cache(partial(_predict, sheet, mass))
     for key in sorted(keys, key=lambda k: (k.position, _CONDITIONS.index(k.condition), k.motion)):
         rows = rows_of_cells.get(key, [])
         if quality.verdict == "bad":
@@ -90,8 +91,8 @@ def identify_cells(
             reason = "no transient of this cell was measured"
             results[key] = CellResult.refused(key, 0, METHOD, [Reason("measurement", reason)])
         else:
-            cell, predicted = transients.isel(transient=rows), _predict(sheet, key.position, mass)
-            results[key], own = identify(cell, key, *predicted, settings, spectra_alone=spectra_alone)
+            cell, (frequency, slope) = transients.isel(transient=rows), predict_at(key.position)
+            results[key], own = identify(cell, key, frequency, slope, settings, spectra_alone=spectra_alone)
             if own is not None:
                 spectra[key] = own
     if not spectra_alone:
@@ -109,7 +110,7 @@ def _complete_rows(transients: xr.Dataset | None) -> dict[CellKey, list[int]]:
     return {CellKey(*key): [row for row in rows if complete[row]] for key, rows in groups.items()}
 
 
-def _predict(sheet: DataSheet | None, position: float, mass: float) -> tuple[float | None, float]:
+def _predict(sheet: DataSheet | None, mass: float, position: float) -> tuple[float | None, float]:
     """Predicted frequency and its slope along the axis, Hz and Hz/m."""
     if sheet is None:
         return None, 0.0
