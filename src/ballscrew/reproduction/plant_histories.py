@@ -14,7 +14,8 @@ import numpy as np
 
 from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.cell import TransientRow
-from ballscrew.modal.joint.blocks import make_block, project
+from ballscrew.modal.joint.blocks import make_block
+from ballscrew.modal.joint.fit import fit_modes
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import average_windows
@@ -128,7 +129,7 @@ def _compile_analysis() -> None:
     windows = average_windows([trip], [transient], 1.0, 60.0, 300.0)
     assert windows is not None  # noqa: S101  there is one
     mode = AxialMode(compliance_of(150.0), 0.0, 0.0, 0.03, 0.01, 1.0, 0.0, 300.0, 0.03)
-    project(make_block("torque-nut", windows), mode)
+    fit_modes([make_block("torque-nut", windows)], [mode], ("compliance",), most_steps=1)
 
 
 def _compile_detection() -> None:
