@@ -109,7 +109,7 @@ def test_the_rate_from_the_time_channel(path: Path) -> None:
         ),
         ([{"source": "torqe", "quantity": "torque"}], {}, "did you mean 'torque'? it has odd, pos, short"),
         ([{"source": "zzzz", "quantity": "torque"}], {}, "channel[0].source); it has"),
-        ([TORQUE], {}, "says no sample rate for 'torque'; declare sample_rate in channels.toml"),
+        ([TORQUE], {}, "no sample rate of 'torque' was found; declare sample_rate in channels.toml"),
         ([TORQUE, {"source": "short", "quantity": "force"}], {"sample_rate": 1000}, "'short' has 15 samples"),
         (
             [TORQUE, {"source": "odd", "quantity": "force"}],

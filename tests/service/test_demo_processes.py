@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from ballscrew.cli import serve_app
+from ballscrew.cli.shell import INTERRUPTED
 from ballscrew.service import demo, demo_processes, server
 
 _LONG = 600.0  # s: a test that waits for it fails
@@ -54,6 +55,22 @@ def test_a_process_ends_with_the_main_one(tmp_path: Path) -> None:
     )
     assert done.returncode == 3
     assert int(done.stdout) != os.getpid()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process at once")
+def test_a_demo_that_is_terminated_leaves_no_folder(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ballscrew", "serve", "--demo", "--port", "0"],
+        env=os.environ | {"TMPDIR": str(tmp_path)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    end = time.monotonic() + _LONG
+    while not any(tmp_path.glob("ballscrew-demo-*/*")) and time.monotonic() < end:
+        time.sleep(0.05)
+    process.terminate()
+    assert process.wait(_LONG) == INTERRUPTED
+    assert not any(tmp_path.glob("ballscrew-demo-*"))
 
 
 def test_what_a_process_imports_exists() -> None:

@@ -33,8 +33,10 @@ def demo_processes(*, early: bool = False) -> Iterator[ProcessPoolExecutor]:
         handler = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a process that begins ignores it too
         pool.submit(_import_all)
         signal.signal(signal.SIGINT, handler)
+    handler = signal.signal(signal.SIGTERM, signal.default_int_handler)  # temporary folders are removed
     with shut_down(pool):
         yield pool
+    signal.signal(signal.SIGTERM, handler)
 
 
 @contextmanager
