@@ -161,9 +161,10 @@ def test_a_disk_that_is_full_is_said(run, tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
+    before = plt.get_fignums()
     with pytest.raises(InputError, match=r"run\.png: cannot be written \(No space left on device\)"):
         write_run(run, tmp_path / "run.png")
-    assert plt.get_fignums() == []
+    assert plt.get_fignums() == before
 
 
 def test_without_matplotlib_the_error_names_the_package_to_install(tmp_path, monkeypatch):

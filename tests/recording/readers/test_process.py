@@ -148,9 +148,21 @@ def test_the_server_is_started_again(tmp_path: Path) -> None:
 
 
 @needs_fork
-def test_a_server_that_cannot_start_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("ended_before", [False, True])
+def test_a_server_that_cannot_start_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ended_before: bool
+) -> None:
     process.stop()
+    start = process._start
+
+    def start_and_wait(*arguments: Any, **options: Any) -> Any:
+        server = start(*arguments, **options)
+        server.wait()
+        return server
+
     monkeypatch.setattr(process, "_PROGRAM", "raise SystemExit(3)")
+    if ended_before:
+        monkeypatch.setattr(process, "_start", start_and_wait)
     MAKERS["a.npz"](tmp_path / "a.npz")
     with pytest.raises(InputError, match="the process that reads files ends at once"):
         read(tmp_path / "a.npz")

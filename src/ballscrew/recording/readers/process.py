@@ -131,7 +131,12 @@ def _in_process(path: Path, before: list[int]) -> Iterator[OpenFile]:
         "memory": _MEMORY + _MEMORY_PER_BYTE * before[2],
     }
     with ExitStack() as stack:
-        source, sink = stack.enter_context(_session(_kind_of(path), 6 * seconds + 30))
+
+        def begin(kind: bytes) -> tuple[BinaryIO, BinaryIO]:
+            try:
+                return stack.enter_context(_session(kind, 6 * seconds + 30))
+            except ConnectionError:
+                raise _end_of_process(path, 0, seconds) from None
 
         def ask(message: dict[str, Any]) -> dict[str, Any]:
             try:
@@ -153,9 +158,10 @@ def _in_process(path: Path, before: list[int]) -> Iterator[OpenFile]:
             except (OSError, ValueError, SessionEndError):
                 raise _end_of_process(path, 0, seconds) from None
 
+        source, sink = begin(_kind_of(path))
         answer = ask(request)
         if UNCOMMON_UNIT in answer:
-            source, sink = stack.enter_context(_session(OTHER, 6 * seconds + 30))
+            source, sink = begin(OTHER)
             answer = ask(request)
         if "header" not in answer:
             raise _end_of_process(path, 0, seconds)
@@ -252,8 +258,12 @@ class _Server:
 
     def connect(self, kind: bytes) -> socket.socket:
         connection, other = socket.socketpair()
-        with other:
-            socket.send_fds(self.control, [kind], [other.fileno()])
+        try:
+            with other:
+                socket.send_fds(self.control, [kind], [other.fileno()])
+        except OSError:
+            connection.close()
+            raise
         return connection
 
     def stop(self) -> None:
