@@ -81,6 +81,17 @@ def test_chi2_is_distributed_as_stated() -> None:
     assert 1.5 < degrees[0] < 3
 
 
+def test_a_column_that_is_a_multiple_of_another_changes_no_misfit() -> None:
+    """As the signatures of nut and bearing: the second took a random direction with it."""
+    rng, x = np.random.default_rng(0), np.linspace(-1, 1, 12)
+    nut = (0.2 / (1.5 + x))[:, None]
+    covariance, floor, residual = np.diag(1e-6 * (2 + x)), np.full(12, 2e-5), 1e-3 * rng.standard_normal(12)
+    alone = misfit(residual, nut, covariance, floor)
+    both = misfit(residual, np.hstack([nut, 0.3 * nut]), covariance, floor)
+    np.testing.assert_allclose(both, alone, rtol=1e-9)
+    assert misfit(residual, nut[:, :0], covariance, floor)[1] > alone[1]
+
+
 def test_nothing_free_is_no_misfit() -> None:
     assert misfit(np.zeros(1), np.ones((1, 1)), np.ones((1, 1)), np.ones(1)) == (0.0, 0.0, 1.0)
 

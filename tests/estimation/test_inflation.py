@@ -36,6 +36,19 @@ def test_an_unexplained_misfit_inflates_the_uncertainty() -> None:
     assert not random
 
 
+def test_newtons_against_the_model_contain_the_misfit_too() -> None:
+    """The baseline is not of the calibration, so the newtons are by the model."""
+    sure = calibrated(compliance=1e-5, mass=1e-5, slope=1e-5, rotor=1e-5, share=1e-4, preload=1e-4, runs=())
+    base = run_of(name="base")
+    even, bowed = (
+        preload(run_of(0.9, softer=lambda x, size=size: size * np.cos(4 * np.pi * x)), sure, base).preload_N
+        for size in (0.0, 0.05)
+    )
+    assert even is not None
+    assert bowed is not None
+    assert bowed.standard_uncertainty > 2 * even.standard_uncertainty
+
+
 def test_a_misfit_beyond_all_bounds_is_refused() -> None:
     found = preload(run_of(0.9, softer=lambda x: 0.05 * np.cos(12 * np.pi * x)), calibrated(), BASE)
     assert found.verdict == "refused"

@@ -352,6 +352,8 @@ def test_a_run_without_frequencies_is_refused_before_its_baseline_is_read() -> N
 def test_no_good_cell_is_refused() -> None:
     assert "no cell" in preload(refused_cells(run_of()), calibrated(), BASE).reasons[0]
     assert "baseline has no cell" in preload(run_of(), calibrated(), refused_cells(BASE)).reasons[0]
+    bad = dataclasses.replace(BASE, quality=Quality("bad", ("the encoder is still",)))
+    assert preload(run_of(), calibrated(), bad).reasons[0] == "the measurement of the baseline is bad"
 
 
 def test_frequencies_above_an_infinitely_stiff_nut_are_refused() -> None:

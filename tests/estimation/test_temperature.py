@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -151,6 +152,18 @@ def test_a_sensor_elsewhere_is_noted() -> None:
     assert not any("recorded at" in note for note in stated.notes)
 
 
+@pytest.mark.parametrize("difference", [0.0, 0.01])
+def test_a_temperature_that_varied_in_a_run_of_the_same_mean_is_uncertain(difference: float) -> None:
+    model = replace(calibrated(), temperature=TemperatureSlope(0.02, 0.001))
+    base = run_of(name="base", temperature_C=20.0)
+    even, varied = (
+        preload(warm(run_of(0.8, temperature_C=20.0 + difference), range_K=range_K), model, base)
+        for range_K in (0.0, 5.0)
+    )
+    added = ratio(varied).standard_uncertainty ** 2 - ratio(even).standard_uncertainty ** 2
+    assert added == pytest.approx((0.8 * 0.02 * 5.0 / math.sqrt(12)) ** 2, rel=0.1)
+
+
 def warm_screw_reasons(
     excess: float | None, base_excess: float | None, *, calibrated_base: bool
 ) -> list[str]:
@@ -194,6 +207,8 @@ def test_a_run_far_outside_the_temperatures_of_the_calibration_is_suspect() -> N
     assert any("between +0.0 and +15.0 K" in reason and "+42.0 K" in reason for reason in far.reasons)
     hot_base = preload(run_of(temperature_C=60.0), model, run_of(name="base", temperature_C=55.0))
     assert any("an extrapolation" in reason for reason in hot_base.reasons)
+    within = preload(run_of(temperature_C=30.0), model, run_of(name="base", temperature_C=60.0))
+    assert any("which lies outside" in reason for reason in within.reasons)
     near = preload(run_of(temperature_C=40.0), model, base)
     assert not any("an extrapolation" in reason for reason in near.reasons)
 

@@ -14,7 +14,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.json_fields import number
 from ballscrew.base.quantity import Quantity
-from ballscrew.modal.cell import CellResult
+from ballscrew.modal.cell import CellKey, CellResult
 from ballscrew.modal.run import RigidBodyResult, Run
 
 _COLDEST = -273.15  # °C
@@ -33,7 +33,6 @@ _REPEATING = (
 
 _CONTAINED = ("uncertain", "nearly-unloaded", "ripple")  # reasons that the uncertainty of a cell contains
 
-_SAME_STOP = 1e-6  # m, stops that differ by less are one
 
 _FINITE = number(-_LARGEST, _LARGEST)
 _POSITIVE = number(_LEAST_POSITIVE, _LARGEST)
@@ -346,9 +345,9 @@ def paired_cells(run: FrequencyTable, baseline: FrequencyTable) -> tuple[list[in
     return [rows[cell] for cell in common], [baseline_rows[cell] for cell in common]
 
 
-def _rows_by_cell(run: FrequencyTable) -> dict[tuple[int, str, int], int]:
-    """Row of each cell by its stop (in steps of ``_SAME_STOP``), condition and motion."""
+def _rows_by_cell(run: FrequencyTable) -> dict[CellKey, int]:
+    """Row of each cell, by its rounded key."""
     rows = {}
     for row, (x, condition, motion) in enumerate(zip(run.position, run.condition, run.motion, strict=True)):
-        rows[round(float(x) / _SAME_STOP), condition, motion] = row
+        rows[CellKey(float(x), condition, motion).rounded] = row
     return rows

@@ -63,12 +63,12 @@ class PossibleCause:
         χ² of all observations that the cause leaves unexplained.
     amount, standard_uncertainty : float
         Size of the cause in its unit: u − 1 of the nut, relative changes of bearing rigidity and torque
-        signal.
+        signal, ln P of temperature and of a gradient from end to end, rms of u of a change at some stops.
     unit : str
         Of the amount.
     possible : bool
-        Whether the cause explains the cells, explains all observations about as well as the nut does, has a
-        plausible size and is significant.
+        Whether the cause explains the cells, explains all observations about as well as the best of nut,
+        bearing and both, has a plausible size and is significant.
     text : str
         Cause and amount in words.
     fit : float
@@ -111,7 +111,7 @@ class MassChanges:
     inertia, inertia_spread : float
         Change of ln equivalent mass beyond the declared change of the load, and its standard uncertainty.
     by_load : float
-        Change of ln equivalent mass per kg, 1/kg.
+        Change of ln equivalent mass per kg of load, 1/kg: one over the mass with the declared load.
     frequency_ratio, frequency_ratio_spread : float or None
         Change of ln (f_free/f_held)², of the frequencies with the rotor free and held. The ratio depends on
         the masses alone.
@@ -212,7 +212,8 @@ def gather_evidence(
     if model_covariance is not None and change.by_parameters is not None:
         by_model = change.by_parameters.T @ model_covariance @ change.by_parameters
         cells, all_errors = cells + by_model, all_errors + by_model
-    rows = _other_rows(masses, assumptions, softening, 1 / (3 * change.moving_mass))
+    softening_by_load = 1 / (3 * change.moving_mass)  # ln P by the softening is in proportion to the mass
+    rows = _other_rows(masses, assumptions, softening, softening_by_load)
     count, added = len(change.y), len(rows)  # of cells, and of the other observations
     values, spreads, by_load, by_torque, by_nut = rows.T
     covariance = np.zeros((count + added, count + added))
@@ -236,7 +237,7 @@ def gather_evidence(
         "nut": priors.nut_size * nut,
         # A bearing that is stiffer by a part δ is more compliant by −δ.
         "bearing": in_cells(-sizes["bearing"] * change.bearing),
-        "both": in_cells(-sizes["both"] * change.bearing),
+        "both": in_cells(-sizes["both"] * change.bearing),  # the nut is added in the fit
         "load": (sizes["load"] * np.concatenate([change.by_load, by_load]))[None],
     }
     if masses is not None:
@@ -290,7 +291,8 @@ def compare_causes(
     causes = []
     for (name, fit), probability in zip(fits.items(), probabilities, strict=True):
         significant = name == "nut" or abs(fit.size) > 2 * fit.spread
-        # The size of several directions is positive by definition; a gradient is fitted beside the nut.
+        # The size of several directions is never below 0, so the evidence decides; so it does for a gradient,
+        # whose fit contains the nut.
         if len(evidence.signatures[name]) > 1 or name == "gradient":
             significant = fit.log_evidence > fits["nut"].log_evidence
         cell_fit = _probability_of_cells(evidence, name)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
+from ballscrew.axis.axial import PARAMETERS
 from ballscrew.base.arrays import Array
 from ballscrew.estimation.change import ComplianceChange, change_covariance
 
@@ -21,6 +22,7 @@ FLOOR = "floor of every model"
 """Name of the error term of ``ComplianceChange.floor``, as printed."""
 
 _NO_VARIANCE = 1e-9  # expected χ² below which the residuals have no degree of freedom
+_SAME_COLUMN = 1e-9  # of the largest singular value: with less a fitted column is a multiple of others
 _LEAST_U = 0.1  # u in a logarithm is at least this, as of a thousand times the preload
 _REWEIGHTINGS = 8  # of the cells, each by their deviations from the fit before
 _HUBER = 2.5  # standard deviations from the fit beyond which a cell loses weight
@@ -28,9 +30,9 @@ _HUBER = 2.5  # standard deviations from the fit beyond which a cell loses weigh
 # Secant method for P/P₀.
 _RATIO_STEPS = 11
 _RATIO_TOLERANCE = 1e-3  # changes the correction for the load on the nut by a hundredth of that
-# Slope of the error assumed first: half a step, since a whole one would overshoot by the correction.
+# Slope of the error assumed first: -1 if the correction did not depend on P; -2 takes half of that step.
 _FIRST_SLOPE = -2.0
-_LEAST_SLOPE = -0.5  # nearer to 0 the step would exceed twice the error
+_FLATTEST_SLOPE = -0.5  # nearer to 0 the step would exceed twice the error
 _RATIO_LIMITS = (0.1, 10.0)
 
 
@@ -107,7 +109,7 @@ def fuse(change: ComplianceChange, model_covariance: Array | None = None) -> Fus
         With the nut's share as the model states it.
     """
     covariance = change_covariance(change, floor=False)
-    by_parameters = np.zeros((7, len(change.y)))
+    by_parameters = np.zeros((len(PARAMETERS), len(change.y)))
     if change.by_parameters is not None:
         by_parameters = change.by_parameters
         if model_covariance is not None:
@@ -155,7 +157,7 @@ def fuse_on_worn_nut(
         if abs(error) < _RATIO_TOLERANCE:
             break
         last_ratio, last_error = ratio, error
-        ratio = min(max(ratio - error / min(slope, _LEAST_SLOPE), _RATIO_LIMITS[0]), _RATIO_LIMITS[1])
+        ratio = min(max(ratio - error / min(slope, _FLATTEST_SLOPE), _RATIO_LIMITS[0]), _RATIO_LIMITS[1])
         change = change_at(ratio)
         fused = fuse(change, model_covariance)
         error = _preload_ratio(fused) - ratio
@@ -207,7 +209,7 @@ def misfit(residual: Array, fitted: Array, covariance: Array, floor: Array) -> t
     residual : ndarray, shape (n,)
         Y less its fit.
     fitted : ndarray, shape (n, m)
-        Columns that were fitted to Y.
+        Columns that were fitted to Y; those that are multiples of others do not count.
     covariance : ndarray, shape (n, n)
         Of Y without the floor.
     floor : ndarray, shape (n,)
@@ -221,12 +223,13 @@ def misfit(residual: Array, fitted: Array, covariance: Array, floor: Array) -> t
     """
     root = np.linalg.cholesky(covariance + np.diag(floor**2))
     white = np.linalg.solve(root, residual)
-    basis = np.linalg.qr(np.linalg.solve(root, fitted))[0]
+    vectors, sizes, _ = np.linalg.svd(np.linalg.solve(root, fitted), full_matrices=False)
+    basis = vectors[:, sizes > _SAME_COLUMN * sizes.max(initial=0.0)]
     projector = np.eye(len(residual)) - basis @ basis.T
     white_covariance = np.linalg.solve(root, np.linalg.solve(root, covariance).T)
     variances = np.clip(np.linalg.eigvalsh(projector @ white_covariance @ projector), 0.0, None)
     total, square = float(variances.sum()), float((variances**2).sum())
-    if total < _NO_VARIANCE or len(residual) <= fitted.shape[1]:
+    if total < _NO_VARIANCE or len(residual) <= basis.shape[1]:
         return 0.0, 0.0, 1.0
     degrees, scale = total**2 / square, square / total
     remaining = white - basis @ (basis.T @ white)

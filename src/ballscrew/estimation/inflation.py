@@ -22,8 +22,8 @@ def inflate_uncertainty(
 ) -> FusedChange:
     """Add the misfit of the cells to the uncertainty of the change.
 
-    If a change at some stops explains the cells, the term is the standard deviation by which changes of that
-    size at random stops move the mean. If a screw that is warmer at one end does, the cold end may be the one
+    If a change at some stops is a possible cause, the term is the standard deviation by which changes of that
+    size at random stops move the mean. If a screw that is warmer at one end is, the cold end may be the one
     that has not changed, and the term is half of the change from end to end. If no known cause explains them,
     all uncertainties are taken as too small by the same factor √(χ²/ν) (Birge, 1932, DOI
     10.1103/PhysRev.40.207).
@@ -37,12 +37,13 @@ def inflate_uncertainty(
     causes : sequence of PossibleCause
         By :func:`~ballscrew.estimation.causes.compare_causes` from this evidence.
     assumptions : Assumptions
-        ``false_alarm`` is the probability of a misfit below which one preload does not explain the cells.
+        With ``false_alarm``: cells whose misfit is less probable are not explained by one preload.
 
     Returns
     -------
     FusedChange
-        With an additional term in these two cases, else unchanged.
+        With an additional term in these three cases; unchanged where the cells agree, or another cause alone
+        explains them.
     """
     if fused.probability >= assumptions.false_alarm:
         return fused
@@ -60,6 +61,14 @@ def inflate_uncertainty(
     if fused.degrees > 0:
         excess = max(fused.chi2 / fused.degrees - 1, 0.0)
     return _with_term(fused, UNEXPLAINED, math.sqrt(excess) * fused.spread)
+
+
+def with_misfit_of(fused: FusedChange, other: FusedChange) -> FusedChange:
+    """A change with the misfit term of another change of the same run, relative to u."""
+    for name in (LOCAL, GRADIENT, UNEXPLAINED):
+        if name in other.terms:
+            fused = _with_term(fused, name, other.terms[name][0] * fused.u / other.u)
+    return fused
 
 
 def is_inflated(fused: FusedChange) -> bool:

@@ -25,6 +25,7 @@ from ballscrew.base.quantity import NORMAL_95, Quantity, quantity_json
 from ballscrew.calibration.assumptions import LOCAL_ALARM, Assumptions
 from ballscrew.estimation.change import ComplianceChange, change_covariance
 from ballscrew.estimation.fusion import FusedChange
+from ballscrew.modal.cell import CellKey
 from ballscrew.modal.run import Run
 
 _LEAST_STOPS = 5
@@ -297,11 +298,11 @@ def _deviations(run: Run, change: ComplianceChange, curved: bool) -> Array:
     """Contribution to Y of each cell's deviation from the smooth curve of its run."""
     cells = {}
     for cell in run.cells:
-        cells[round(cell.position_m * 1e6), cell.condition, cell.motion] = cell
+        cells[cell.key.rounded] = cell
     f, deviation = change.frequency.copy(), np.full(len(change.y), np.nan)
     keys = zip(change.position.tolist(), change.condition, change.motion, strict=True)
     for row, (x, condition, motion) in enumerate(keys):
-        match = cells.get((round(x * 1e6), condition, motion))
+        match = cells.get(CellKey(x, condition, motion).rounded)
         if match is not None and match.frequency_Hz is not None and math.isfinite(match.frequency_Hz):
             f[row] = match.frequency_Hz
         if match is not None and match.deviation_Hz is not None:

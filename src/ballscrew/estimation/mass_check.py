@@ -7,7 +7,8 @@ friction appears to change in the same proportion as the mass. The rule:
 
 1. The equivalent mass has not changed significantly, at 95 %: the declared load stands. If all observations
    together give odds of ten that it is wrong all the same, the run is refused.
-2. The torque constant is declared as trusted: the load is corrected by the change of the equivalent mass.
+2. The torque constant is declared as trusted: the load is corrected by the change of the equivalent mass. It
+   is declared as not trusted: the load stands.
 3. All observations decide, see :mod:`ballscrew.estimation.causes`. The load is corrected where a wrong load
    is thirty times as probable as a drifted torque constant; in the opposite case it stands.
 4. Neither is that probable. The preload is estimated for a correction between none and the whole, weighted
@@ -28,7 +29,7 @@ from ballscrew.axis.axial import AxialModel
 from ballscrew.base.quantity import NORMAL_95, Quantity, quantity_json
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.estimation.causes import MassChanges, PossibleCause
-from ballscrew.modal.cell import CellResult
+from ballscrew.modal.cell import CellKey, CellResult
 from ballscrew.modal.run import RigidBodyResult, Run
 
 Decision = Literal["declared", "corrected", "torque", "undecided", "unknown"]
@@ -108,11 +109,11 @@ def mass_changes(
     then = _repeated(baseline.rigid_body, "equivalent_mass_kg", assumptions.repeats)
     if now is None or then is None or run.mass_kg is None or baseline.mass_kg is None:
         return None
-    (mass, u), (mass0, u0) = now, then
-    expected = mass0 + run.mass_kg - baseline.mass_kg
+    (mass, spread), (before, spread_before) = now, then
+    expected = before + run.mass_kg - baseline.mass_kg
     if expected <= 0:
         return None
-    spread = math.hypot(u / mass, u0 / mass0, assumptions.mass_repeats)
+    spread = math.hypot(spread / mass, spread_before / before, assumptions.mass_repeats)
     friction = {}
     for name in ("viscous_N_s_per_m", "coulomb_N"):
         new, old = _repeated(run.rigid_body, name), _repeated(baseline.rigid_body, name)
@@ -122,11 +123,12 @@ def mass_changes(
     ratio, ratio_spread = _frequency_ratio_change(run, baseline, model)
     return MassChanges(
         inertia=math.log(mass / expected),
+        # Friction that changes is an error of the mass.
         inertia_spread=math.hypot(spread, assumptions.mass_friction * coulomb_change),
-        by_load=1 / mass0,
+        by_load=1 / expected,
         frequency_ratio=ratio,
         frequency_ratio_spread=ratio_spread,
-        frequency_ratio_by_load=1 / (model.rotor + (model.mass + baseline.mass_kg)),
+        frequency_ratio_by_load=1 / (model.rotor + (model.mass + run.mass_kg)),
         moving_mass=model.mass + run.mass_kg,
         friction=tuple(friction.values()),
     )
@@ -135,7 +137,6 @@ def mass_changes(
 def check_mass(
     masses: MassChanges | None,
     causes: Sequence[PossibleCause],
-    mass: float,
     sensitivity: float,
     assumptions: Assumptions,
 ) -> MassCheck:
@@ -147,8 +148,6 @@ def check_mass(
         Since the baseline.
     causes : sequence of PossibleCause
         Compared on all observations.
-    mass : float
-        Equivalent mass of the baseline, kg.
     sensitivity : float
         Change of the preload per kg of load, in standard uncertainties of the preload, 1/kg.
     assumptions : Assumptions
@@ -164,7 +163,8 @@ def check_mass(
         return MassCheck("unknown", None, 0.0, 0.0, text)
     probabilities = {cause.name: cause.probability for cause in causes}
     load, torque = probabilities.get("load", 0.0), probabilities.get("torque", 0.0)
-    change = Quantity(mass * math.expm1(masses.inertia), mass * masses.inertia_spread, "kg")
+    expected = 1 / masses.by_load  # equivalent mass with the declared load, kg
+    change = Quantity(expected * math.expm1(masses.inertia), expected * masses.inertia_spread, "kg")
     found = (
         f"the equivalent mass has changed by {change.value:+.2f} kg ± {change.standard_uncertainty:.2f} kg"
     )
@@ -181,7 +181,10 @@ def check_mass(
             f"torque constant ({_describe_odds(load, torque)}): the declared load is corrected by this amount"
         )
         return MassCheck("corrected", change, change.value, change.standard_uncertainty, text)
-    if trusted is False or torque > odds * load:
+    if trusted is False:
+        text = f"{found}, and the torque constant is not trusted: the declared load stands"
+        return MassCheck("torque", change, 0.0, 0.0, text)
+    if torque > odds * load:
         text = (
             f"{found}, but the frequencies did not change as they would with another load "
             f"({_describe_odds(torque, load)}): the torque constant has drifted, which changes no frequency, "
@@ -239,8 +242,8 @@ def _describe_odds(more: float, less: float) -> str:
 def _repeated(body: RigidBodyResult, name: str, repeats: float = 0.0) -> _Uncertain | None:
     """Value and repeatability of a rigid-body result; None where missing or too uncertain.
 
-    What friction and filters do to the fit is alike in both runs. Of a standard uncertainty, where a run
-    states no repeatability, the part ``repeats`` of its variance is.
+    What friction and filters do to the fit is alike in both runs. Where a run states no repeatability, the
+    part ``repeats`` of its variance is taken as common to both runs.
     """
     value, spread = getattr(body, name), body.standard_uncertainty.get(name)
     if value is None or spread is None:
@@ -270,13 +273,13 @@ def _frequency_ratio_change(run: Run, baseline: Run, model: AxialModel) -> tuple
     return float(np.median(changes)), float(np.median(spreads))
 
 
-def _frequency_ratios(run: Run) -> dict[tuple[float, str, int], _Uncertain]:
+def _frequency_ratios(run: Run) -> dict[CellKey, _Uncertain]:
     """Value of ln (f_free/f_held)² in each cell that has both frequencies."""
     ratios = {}
     for cell in run.cells:
         ratio = _frequency_ratio(cell)
         if ratio is not None and cell.verdict != "refused":
-            ratios[cell.position_m, cell.condition, cell.motion] = ratio
+            ratios[cell.key.rounded] = ratio
     return ratios
 
 

@@ -211,7 +211,8 @@ def evidence_by_softening(
     independent = own**2 - SOFTENING_REPEATS * law**2
     independent += float(np.mean(others**2 - SOFTENING_REPEATS * laws**2)) / len(known)
     uncertainty = math.sqrt(independent + SOFTENING_REPEATS * (law - float(np.mean(laws))) ** 2)
-    if uncertainty > 3 * bearing_over_nut * assumptions.bearing_spread:
+    by_bearing = 3 * bearing_over_nut * assumptions.bearing_spread  # d ln P = -3 du
+    if uncertainty > by_bearing:
         return NutEvidence(spread, stated)
     if not stated:
         spread = max(spread, assumptions.priors.bearing_size)
@@ -415,17 +416,17 @@ def release_limit(run: Run, baseline: Run | None, model: CalibratedAxis) -> floa
     unloaded = [cell for cell in stated if _is_unloaded(cell)]
     if baseline is None or len(unloaded) <= len(stated) / 2:
         return None
-    loads = {cell.key: cell.nut_load_over_preload for cell in baseline.cells}
+    loads = {cell.key.rounded: cell.nut_load_over_preload for cell in baseline.cells}
     limits = []
     for cell in unloaded:
-        load = loads.get(cell.key)
+        load = loads.get(cell.key.rounded)
         if load is not None:
             limits.append(load / RELEASE)
     if not limits:
         return None
     spread = model.standard_uncertainty("preload")
     softening = baseline.mass_over_preload_kg_per_N
-    if softening is not None:
+    if softening is not None and softening.value > 0:
         spread = softening.standard_uncertainty / softening.value
     return float(np.median(limits)) * math.exp(_UPPER_95 * spread)
 

@@ -35,7 +35,7 @@ from ballscrew.estimation.compliance import (
 )
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.fusion import FusedChange, fuse, fuse_on_worn_nut
-from ballscrew.estimation.inflation import inflate_uncertainty
+from ballscrew.estimation.inflation import inflate_uncertainty, with_misfit_of
 from ballscrew.estimation.local_wear import preload_profile
 from ballscrew.estimation.mass_check import MassCheck, check_mass, mass_changes
 from ballscrew.estimation.nut import attribute_change, bearing_over_nut, nut_evidence
@@ -140,6 +140,8 @@ def _why_not_comparable(run: Run, baseline: Run | None) -> str:
     if baseline is None:
         return ""
     base = frequency_table(baseline)
+    if baseline.quality.verdict == "bad":
+        return "the measurement of the baseline is bad"
     if base.verdict == "bad" or not len(base.frequency):
         return "the baseline has no cell with a frequency"
     if not paired_cells(table, base)[0]:
@@ -244,6 +246,13 @@ class _RunComparison:
             fused = fuse(change, self.model.covariance)
         return change, fused, ratio
 
+    def fuse_by_model(
+        self, mass: MassCheck | None, fused: FusedChange
+    ) -> tuple[ComplianceChange, FusedChange]:
+        """The change against the model and its cells fused, with the misfit of those against the baseline."""
+        change, by_model, _ = replace(self, base=None).fuse(1.0, mass)
+        return change, with_misfit_of(by_model, fused)
+
 
 def _estimate(
     refusal: PreloadEstimate, comparison: _RunComparison, run: Run, baseline: Run | None, more: Sequence[Run]
@@ -284,7 +293,7 @@ def _estimate(
     temperature = _temperature_correction(comparison, more)
     by_model = None
     if not samples.has_known_baseline:
-        by_model = replace(comparison, base=None).fuse(1.0, mass)[:2]
+        by_model = comparison.fuse_by_model(mass, fused)
     refusal = replace(
         refusal,
         chi2=fused.chi2,
@@ -351,12 +360,10 @@ def _check_load(
     """Check of the declared load; None without a baseline."""
     if comparison.base is None:
         return None
-    equivalent_mass = comparison.base.equivalent_mass
-    mass = 0.0 if equivalent_mass is None else equivalent_mass.value
     by_share = abs(fused.level) * comparison.model.standard_uncertainty("share")
     uncertainty = max(math.hypot(fused.spread, by_share), 1e-12)
     sensitivity = abs(float(fused.weights @ change.by_load)) / uncertainty  # of u, per kg
-    return check_mass(masses, causes, mass, sensitivity, comparison.assumptions)
+    return check_mass(masses, causes, sensitivity, comparison.assumptions)
 
 
 def _describe_corrections(
@@ -384,7 +391,10 @@ def _describe_corrections(
 def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> TemperatureCorrection:
     """Correction for the temperature, with its effect fitted to further baselines."""
     base, table, assumptions = comparison.base, comparison.table, comparison.assumptions
-    if base is None or comparison.temperature_difference == 0:
+    if base is None:
+        return NO_CORRECTION
+    ranges = math.hypot(table.temperature_range, base.temperature_range)
+    if comparison.temperature_difference == 0 and not ranges:
         return NO_CORRECTION
     tables = []
     for other in map(frequency_table, more):
@@ -396,7 +406,6 @@ def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> 
     baselines = further_baselines(
         base, tables, lambda other: replace(comparison, table=other).change(1.0, 0.0, 1.0), assumptions
     )
-    ranges = math.hypot(table.temperature_range, base.temperature_range)
     return temperature_correction(
         table.temperature,
         base.temperature,

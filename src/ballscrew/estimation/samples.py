@@ -148,10 +148,10 @@ class PosteriorSamples:
         if by_model is not None:
             if evidence.log_ratio is None or self._base_by_model is None:
                 model_ratio, model_ratios = self._against_model(*by_model, temperature, evidence)
+                random_part = by_model[1].log_preload_spread(by_model[1].random)
             else:
                 model_ratio, model_ratios = self._against_model(*self._base_by_model, NO_CORRECTION, evidence)
                 model_ratio, model_ratios = nut_best * model_ratio, nut * model_ratios
-            random_part = by_model[1].log_preload_spread(by_model[1].random)
         to_model = force = None
         if model_ratio > 0:
             to_model = quantity_from_samples(model_ratio, model_ratios)
@@ -193,7 +193,7 @@ class PosteriorSamples:
         temperature: TemperatureCorrection,
     ) -> tuple[float, Array]:
         """P/P₀ of the nut and its samples, from those of the stiffness."""
-        # What is not the nut's is divided by the data sheet.
+        # The compliance that is not the nut's is shared out as in the data sheet.
         others = (1 - self._share) / (1 - self._model.model.share)
         nut_share = self._share / self._model.model.share
         uncertain = 1 + _BEARING * self._of_nut[:, _BEARING_SHARE]
@@ -266,7 +266,8 @@ class PosteriorSamples:
     ) -> tuple[float, Array]:
         """P/P_ref of the nut against the model, and its samples."""
         at_reference = np.ones(len(self._reference_ratios))
-        ratios = self._ratios(change, fused, at_reference, fused.spread, temperature)
+        independent = replace(temperature, shared=0.0)  # the model contains no error of the baseline
+        ratios = self._ratios(change, fused, at_reference, fused.spread, independent)
         if not fused.u > 0:
             return 0.0, ratios
         # The softening is known relative to the baseline, whose preload is not known relative to the model.

@@ -33,7 +33,7 @@ from ballscrew.estimation.fusion import fuse
 from ballscrew.estimation.nut import bearing_over_nut
 from ballscrew.modal.run import Run
 
-# Temperature difference of a run outside the baselines' range, over the range: more is reported.
+# Distance from the baselines' range over that range, above which an extrapolation is reported.
 _EXTRAPOLATION = 1.0
 _LEAST_SPREAD = 1e-4  # standard uncertainty of u: no run is more certain
 
@@ -47,7 +47,7 @@ class TemperatureCorrection:
     shift, spread : float
         Change of ln P by the temperature, to be subtracted, and its standard uncertainty.
     shared : float
-        Covariance of the errors of ``-shift`` and of the first baseline's ln P.
+        Covariance of the errors of ``-shift`` and of ln(P/P₀), by the first baseline.
     name : str
         Of this term of the uncertainty, as printed.
     corrections, reasons, notes : tuple of str
@@ -152,7 +152,8 @@ def temperature_correction(
     baselines : FurtherBaselines
         To which the effect of the temperature is fitted.
     assumptions : Assumptions
-        Slope of 0 ± ``temperature`` where there is no prior, and a temperature that was not recorded.
+        ``temperature``, the spread of a slope without prior; ``temperature_unknown``, that of a difference
+        that was not recorded.
     prior : TemperatureSlope, optional
         Of the calibration.
     within : float
@@ -199,17 +200,16 @@ def temperature_correction(
 
 def _extrapolation(difference: float, temperatures: Sequence[float]) -> tuple[str, ...]:
     """A sentence where run or baseline is much warmer or colder than the runs of the fit."""
-    if not temperatures:
+    if not temperatures or not difference:
         return ()
     low, high = min(temperatures), max(temperatures)
     outside = max(difference - high, low - difference, -high, low)  # 0 is the first baseline
     if not high > low or outside <= _EXTRAPOLATION * (high - low):
         return ()
-    text = (
-        f"the effect of the temperature was fitted between {low:+.1f} and {high:+.1f} K of the baseline's, "
-        f"and the run is at {difference:+.1f} K: an extrapolation"
-    )
-    return (text,)
+    text = f"the effect of the temperature was fitted between {low:+.1f} and {high:+.1f} K of the baseline's"
+    if low <= difference <= high:
+        return (f"{text}, which lies outside: an extrapolation",)
+    return (f"{text}, and the run is at {difference:+.1f} K: an extrapolation",)
 
 
 def temperature_notes(run: Run, baseline: Run | None) -> list[str]:
@@ -226,13 +226,15 @@ def temperature_notes(run: Run, baseline: Run | None) -> list[str]:
         Empty where the temperature was stated, or recorded at nut or screw, and the screw's in both or none.
     """
     notes = []
-    with_screw = [_has_screw(of) for of in (run, baseline) if of is not None]
+    with_screw = [_has_screw(each) for each in (run, baseline) if each is not None]
     if any(with_screw) and not all(with_screw):
         name = "baseline" if with_screw[0] else "run"
         notes.append(f"the {name} has no temperature of screw and nut: they are assumed to have been equal")
-    for name, of in (("run", run), ("baseline", baseline)):
-        course = of.temperature if of else None
-        if of is None or course is None or course.is_of_axis or of.temperature_C != course.mean_C:
+    for name, each in (("run", run), ("baseline", baseline)):
+        course = each.temperature if each else None
+        if each is None or course is None or course.is_of_axis:
+            continue
+        if each.temperature_C != course.mean_C:  # it was stated
             continue
         place = shown(course.place) if course.place else "a place that the channel map does not state"
         notes.append(f"the temperature of the {name} was recorded at {place}, not at nut or screw")

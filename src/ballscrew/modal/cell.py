@@ -21,6 +21,11 @@ class CellKey(NamedTuple):
     condition: str
     motion: int
 
+    @property
+    def rounded(self) -> CellKey:
+        """The key with its position to a micrometre, to find the same cell in another run."""
+        return self._replace(position=round(self.position, 6))
+
 
 @dataclass(frozen=True, slots=True)
 class TransientRow:

@@ -285,8 +285,7 @@ def _disagreements(
         if other_mass:
             per_kilogram = abs(float(fused.weights @ change.by_load))
             spread = math.hypot(fused.spread, abs(fused.level) * model.standard_uncertainty("share"))
-            mass = reference.run.rigid_body.equivalent_mass_kg or 0.0
-            check = check_mass(masses, causes, mass, per_kilogram / spread, assumptions)
+            check = check_mass(masses, causes, per_kilogram / spread, assumptions)
             if check.decision in ("torque", "declared"):
                 notes.append(check.text)
             else:

@@ -279,8 +279,8 @@ def _rate(file: _File, channel: Channel, time: Array | None, size: int) -> float
             )
     if rate is None:
         raise InputError(
-            f"{path}: no sample rate of {channel.source!r} was found; declare sample_rate in {channels.source},"
-            " or map a channel of the quantity time."
+            f"{path}: no sample rate of {channel.source!r} was found; declare sample_rate in "
+            f"{channels.source}, or map a channel of the quantity time."
         )
     if not RATES[0] <= rate <= RATES[1]:
         raise InputError(
