@@ -11,7 +11,7 @@ from ballscrew.calibration.anchors import SOFTENING_REPEATS
 from ballscrew.calibration.assumptions import BEARING_PRELOAD, Assumptions
 from ballscrew.estimation.causes import describe_cause
 from ballscrew.estimation.preload import preload
-from ballscrew.modal.run import SOFTENING
+from ballscrew.modal.run import SOFTENING_SPREAD
 
 PAGE = "docs/reference/preload-json.md"
 
@@ -55,7 +55,7 @@ def test_the_defaults_on_the_page_are_those_of_the_code() -> None:
         (r"for the nut, ([\d.]+) % for the bearing", 100 * defaults.priors.bearing_size),
         (r"bearing is then allowed ([\d.]+) % of its rigidity", 100 * defaults.priors.bearing_size),
         (r"ratio ([\d.]+) % of the variance by its law", 100 * SOFTENING_REPEATS),
-        (r"variance by its law \(([\d.]+) %\)", 100 * SOFTENING),
+        (r"variance by its law \(([\d.]+) %\)", 100 * SOFTENING_SPREAD),
     ):
         found = re.search(row, text)
         assert found is not None, row

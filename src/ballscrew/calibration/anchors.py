@@ -19,10 +19,10 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.units import parse
 from ballscrew.calibration.frequency_table import FrequencyTable
-from ballscrew.modal.run import SOFTENING
+from ballscrew.modal.run import SOFTENING_SPREAD
 
 SOFTENING_REPEATS = 0.8
-"""Part of the variance by the softening's law (:data:`ballscrew.modal.run.SOFTENING`) common to all runs.
+"""Part of the variance by the softening's law (:data:`ballscrew.modal.run.SOFTENING_SPREAD`) common to runs.
 
 On one axis its error was 5 % from axis to axis and 3 % from run to run. The noise of a run is its own."""
 
@@ -160,7 +160,7 @@ def anchor_covariance(rows: Sequence[AnchorRow]) -> Array:
     spread, law = np.array([row.spread for row in rows]), np.array([row.law for row in rows])
     own = np.sqrt(spread**2 - law**2)
     softening = np.array([row.kind == "nut load" for row in rows], dtype=bool)
-    repeating = math.sqrt(SOFTENING_REPEATS) * softening * np.minimum(own, SOFTENING)
+    repeating = math.sqrt(SOFTENING_REPEATS) * softening * np.minimum(own, SOFTENING_SPREAD)
     covariance = np.outer(repeating, repeating) + np.outer(law, law)
     np.fill_diagonal(covariance, spread**2)
     return np.asarray(covariance)

@@ -20,13 +20,13 @@ from scipy.special import softmax
 
 from ballscrew.base.arrays import Array
 from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions, Priors
-from ballscrew.estimation.change import ComplianceChange, change_covariance
+from ballscrew.estimation.change import DECLARED_LOAD, POSITION, ComplianceChange, change_covariance
 from ballscrew.estimation.fusion import misfit
 
 UNITS: Mapping[str, str] = {"load": "kg", "position": "m"}
 """Units of the amounts by cause; the others are ratios."""
 
-_COMPARED_TERMS = ("declared load", "position")  # error terms that are not errors here, but causes
+_COMPARED_TERMS = (DECLARED_LOAD, POSITION)  # error terms that are not errors here, but causes
 _SIMILAR_TO_NUT = ("nut", "bearing", "position", "temperature")
 """Causes whose signature along the axis is nearly that of the nut: a fit of both would not separate them."""
 
@@ -252,7 +252,7 @@ def gather_evidence(
         signatures["gradient"] = in_cells(-priors.gradient_size / 3 * along * change.nut)
     if temperature_difference:
         sizes["temperature"] = assumptions.temperature * abs(temperature_difference)
-        signatures["temperature"] = sizes["temperature"] / 3 * nut  # |du| = u/3 |d ln P|
+        signatures["temperature"] = sizes["temperature"] / 3 * nut  # du = u/3 d ln P, near u = 1
     observations = np.concatenate([change.y, values])
     return CauseEvidence(observations, covariance, signatures, sizes, all_errors, change.floor)
 

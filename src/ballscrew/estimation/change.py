@@ -12,6 +12,9 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 
+DECLARED_LOAD, POSITION = "declared load", "position"
+"""Names of two error terms, as printed: those that are causes too."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorTerm:

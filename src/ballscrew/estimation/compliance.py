@@ -24,10 +24,9 @@ from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions
 from ballscrew.calibration.covariance import repeating_effects, with_repeating_load
 from ballscrew.calibration.frequency_table import FrequencyTable, paired_cells
 from ballscrew.calibration.worn_nut import frequency_loss_under_load
-from ballscrew.estimation.change import ComplianceChange, ErrorTerm
+from ballscrew.estimation.change import DECLARED_LOAD, POSITION, ComplianceChange, ErrorTerm
 
 BASELINE = "noise of the baseline"
-DECLARED_LOAD = "declared load"
 BASELINE_PART = "the baseline's part"
 WORN_NUT = "load on a worn nut"
 """Names of error terms, as printed."""
@@ -106,9 +105,10 @@ def change_since(
         terms.append(ErrorTerm("mass of the model", False, ((1 + y) * spread)[None]))
     terms.append(ErrorTerm(WORN_NUT, False, (slope * loss_spread)[None]))
     reference = _Reference(model, bearing_share, reference_ratio, baseline.load + load_change)
+    declared_load = math.hypot(run.load, load_change)  # its error, and that of its change, are independent
     return _change(
         reference, run, rows, y, terms, assumptions,
-        own=np.hypot(own, baseline_own), declared_load=math.hypot(run.load, load_change),
+        own=np.hypot(own, baseline_own), declared_load=declared_load,
     )  # fmt: skip
 
 
@@ -287,7 +287,7 @@ def _change(
         terms=(
             *terms,
             ErrorTerm(DECLARED_LOAD, False, (by_load * assumptions.load * declared_load)[None]),
-            ErrorTerm("position", False, ((1 + y) * slope * assumptions.position)[None]),
+            ErrorTerm(POSITION, False, ((1 + y) * slope * assumptions.position)[None]),
             ErrorTerm("shape of the model", False, np.vstack([tilt, form])),
         ),
         floor=math.sqrt(2) * assumptions.floor * per_log_frequency,  # √2: of two frequencies

@@ -46,7 +46,7 @@ class UncertaintyPart:
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class PreloadEstimate(PlottedResult):
-    """Preload of a run; quantities are None where the estimate is refused.
+    """Preload of a run; quantities are None where the estimate is refused, except an upper limit of P/P₀.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ from ballscrew.recording.quality.finding import Quality
 Frequency = Quantity | NaturalFrequency
 
 _METHOD = "joint"  # whose frequencies are those of a nut without load, as these are
-_CONDITION = "PA"  # a run states a condition; no frequency of a resting table depends on it
+_CONDITION = "PA"  # a cell has one; at rest it has no effect
 
 
 def preload_from_frequency(
@@ -47,7 +47,7 @@ def preload_from_frequency(
         Undamped natural frequency with its standard uncertainty, Hz; motor free to turn, no outer force on
         the nut. Errors of several frequencies are independent of each other.
     model : CalibratedAxis or DataSheet
-        Calibrated model of the axis, or its data sheet alone, by which the result is suspect.
+        Calibrated model of the axis, or its data sheet alone, which makes the result suspect.
     position : float or str, or sequence of these
         Position of the table for each frequency, m, or with a unit: ``"200 mm"``.
     load : float or str
@@ -107,9 +107,7 @@ def _check_places(places: Sequence[float], model: CalibratedAxis) -> None:
 def _run(frequencies: list[Any], places: list[float], load: float, model: CalibratedAxis) -> Run:
     """Run whose cells have the given frequencies."""
     if len(frequencies) != len(places):
-        raise InputError(
-            f"frequencies and positions must be as many; {len(frequencies)} and {len(places)} were given."
-        )
+        raise InputError(f"each frequency needs a position; {len(frequencies)} and {len(places)} were given.")
     method = next((used.method for used in model.runs if used.method), _METHOD)
     cells = tuple(
         _cell(frequency, place, number, method)

@@ -28,13 +28,13 @@ from ballscrew.estimation.fusion import FusedChange
 from ballscrew.modal.cell import CellKey
 from ballscrew.modal.run import Run
 
-_LEAST_STOPS = 5
+_LEAST_STOPS = 5  # a line or parabola, a place that departs from it, and one more
 _LEAST_FREEDOM = 4  # degrees of freedom of the noise
 _LENGTH = 0.06  # m, correlation length of a departure: two to three nut lengths
 _SIZES = np.concatenate([[0.01], np.geomspace(0.015, 0.6, 24)])  # standard deviations of u that are tried
 _SMALLEST_LOSS = 0.05  # relative loss of preload up to which a place is not reported
 _LEAST_U = 0.05  # u = (P/P₀)^(−1/3) of a preload 8000 times as large, which no nut has
-_WIDEST = 1 / 3  # of all stops, for a worn place: if more are worn, the others are the exception
+_MOST_WORN = 1 / 3  # of all stops, for a worn place: if more are worn, the others are the exception
 _BALANCING_ITERATIONS = 30  # one suffices where every stop has every condition
 _TRIALS = 8_000  # of an evenly worn axis: 40 exceed the limit at a rate of 1 in 200
 _SEED = 4242
@@ -170,15 +170,16 @@ def preload_profile(
     scatter = float(np.sum((centred - means[stops.at]) ** 2)) / freedom
     scatter = max(scatter, float(np.mean(change.floor**2)))
     basis = _smooth_basis(stops, curved)
-    # The form of the model is not exact: a stop may deviate by that, however many cells it has. |dY/d ln f| ≈
-    # 2.
+    # The form of the model is not exact: a stop may deviate by that, however many cells it has. A factor of 2
+    # converts a relative error of the frequency to one of Y.
     noise = scatter / stops.count + (2 * assumptions.form) ** 2
     places = windows(len(stops.position))
     statistic, limit, best = largest_contrast(
         means, noise, freedom, stops.nut, basis, places, assumptions.local_alarm
     )
     # The smooth part of Y is taken from the frequencies, the local part from the deviations of the cells.
-    # What of the deviations is smooth depends on how the cells are weighted, so that part is uncertain.
+    # Which smooth part the deviations are without depends on the weights of the cells: it is added to them,
+    # and is uncertain by its own size.
     smooth = _projection(stops.mean(change.y) - means, stops.count, basis)
     u, covariance = _smoothed(means + smooth, noise, stops, change, fused, np.outer(smooth, smooth))
     position, ratio = [], []
@@ -220,7 +221,7 @@ def windows(count: int) -> list[tuple[int, int]]:
     list of (int, int)
         First stop and one past the last, of at most a third of the stops.
     """
-    widest = max(int(count * _WIDEST), 1)
+    widest = max(int(count * _MOST_WORN), 1)
     places: list[tuple[int, int]] = []
     for width in range(1, widest + 1):
         places += [(first, first + width) for first in range(count - width + 1)]

@@ -25,9 +25,9 @@ from ballscrew.estimation.causes import UNDECIDED, PossibleCause, describe_cause
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
 from ballscrew.modal.cell import CellResult
-from ballscrew.modal.run import SOFTENING, Run
+from ballscrew.modal.run import SOFTENING_SPREAD, Run
 
-_SEPARATE = ("nut", "bearing", "both")
+_NUT_AND_BEARING = ("nut", "bearing", "both")
 _LEAST_PROBABILITY = 1e-300
 _UPPER_95 = 1.645  # standard deviations
 _MOST_DEVIATIONS = 2.6  # of a difference, in standard uncertainties; by chance once in a hundred runs
@@ -118,7 +118,7 @@ def attribute_change(
     NutOrBearing
         Their probabilities among the three.
     """
-    three = {cause.name: cause for cause in causes if cause.name in _SEPARATE}
+    three = {cause.name: cause for cause in causes if cause.name in _NUT_AND_BEARING}
     total = sum(cause.probability for cause in three.values())
     if not evidence.separates:
         undecided = replace(
@@ -127,14 +127,16 @@ def attribute_change(
             probability=total,
             text=describe_cause(UNDECIDED, three["nut"].amount),
         )
-        others = [cause for cause in causes if cause.name not in _SEPARATE]
+        others = [cause for cause in causes if cause.name not in _NUT_AND_BEARING]
         causes = sorted([undecided, *others], key=lambda cause: -cause.probability)
     if not changed:
         return tuple(causes), NutOrBearing(None, None, None, "the stiffness has not changed significantly")
     if not evidence.separates:
         text = "not identifiable: nothing in these recordings separates the nut from the support bearing"
         return tuple(causes), NutOrBearing(None, None, None, text)
-    nut, bearing, both = (three[name].probability / max(total, _LEAST_PROBABILITY) for name in _SEPARATE)
+    nut, bearing, both = (
+        three[name].probability / max(total, _LEAST_PROBABILITY) for name in _NUT_AND_BEARING
+    )
     means = []
     if evidence.log_ratio is not None:
         means.append("the nut's softening under load in both runs")
@@ -171,8 +173,8 @@ def nut_evidence(
     NutEvidence
         As :func:`evidence_by_softening` returns it.
     """
-    now = preload_by_softening(run, model.nut_mass)
-    then = [preload_by_softening(base, model.nut_mass) for base in baselines]
+    now = log_preload_by_softening(run, model.nut_mass)
+    then = [log_preload_by_softening(base, model.nut_mass) for base in baselines]
     return evidence_by_softening(now, then, assumptions, bearing_over_nut)
 
 
@@ -187,7 +189,7 @@ def evidence_by_softening(
     Parameters
     ----------
     now : tuple of float or None
-        As :func:`preload_by_softening` returns it of the run.
+        As :func:`log_preload_by_softening` returns it of the run.
     then : sequence of tuple of float or None
         The same of the runs of the baseline.
     assumptions : Assumptions
@@ -207,7 +209,8 @@ def evidence_by_softening(
     if now is None or not known:
         return NutEvidence(spread, stated)
     (value, own), (values, others) = now, np.array(known).T
-    law, laws = min(own, SOFTENING), np.minimum(others, SOFTENING)
+    # A part of the law's error is the same in all runs: of it, only the difference counts.
+    law, laws = min(own, SOFTENING_SPREAD), np.minimum(others, SOFTENING_SPREAD)
     independent = own**2 - SOFTENING_REPEATS * law**2
     independent += float(np.mean(others**2 - SOFTENING_REPEATS * laws**2)) / len(known)
     uncertainty = math.sqrt(independent + SOFTENING_REPEATS * (law - float(np.mean(laws))) ** 2)
@@ -219,7 +222,7 @@ def evidence_by_softening(
     return NutEvidence(spread, stated, value - float(np.mean(values)), uncertainty)
 
 
-def preload_by_softening(run: Run, nut_mass: float) -> tuple[float, float] | None:
+def log_preload_by_softening(run: Run, nut_mass: float) -> tuple[float, float] | None:
     """Preload by the nut's softening under load, up to a constant of the axis.
 
     Parameters

@@ -26,9 +26,8 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table, paired_cells
 from ballscrew.calibration.method import common_method
 from ballscrew.estimation.causes import MassChanges, PossibleCause, compare_causes, gather_evidence
-from ballscrew.estimation.change import ComplianceChange, ErrorTerm
+from ballscrew.estimation.change import DECLARED_LOAD, ComplianceChange, ErrorTerm
 from ballscrew.estimation.compliance import (
-    DECLARED_LOAD,
     WORN_NUT,
     change_from_model,
     change_since,
@@ -91,8 +90,8 @@ def preload(
     assumptions : Assumptions
         Settings that no run determines.
     accept : sequence of str
-        Names of reasons to doubt the calibration that were checked and are accepted; by the others every
-        estimate is suspect.
+        Names of reasons to doubt the calibration that were checked and are accepted; any other makes every
+        estimate suspect.
 
     Returns
     -------
@@ -403,9 +402,12 @@ def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> 
             used = used or comparison.model.group_of(other.id) is not None
         if other.temperature is not None and paired_cells(other, base)[0] and not used:
             tables.append(other)
-    baselines = further_baselines(
-        base, tables, lambda other: replace(comparison, table=other).change(1.0, 0.0, 1.0), assumptions
-    )
+
+    def change_of(other: FrequencyTable) -> ComplianceChange:
+        """Of the new nut: the slope hardly depends on P₀/P_ref."""
+        return replace(comparison, table=other).change(reference_ratio=1.0, correction=0.0, ratio=1.0)
+
+    baselines = further_baselines(base, tables, change_of, assumptions)
     return temperature_correction(
         table.temperature,
         base.temperature,

@@ -37,15 +37,15 @@ SAMPLES = 10_000
 _SEED = 20_241
 _SURPLUS = 4  # samples generated for each that is needed, where tolerances reject some
 _BEARING = 0.15  # relative uncertainty of the bearing's share: manufacturers state its rigidity to ± 30 %
-_GOLDEN = (math.sqrt(5) - 1) / 2
-_MOST_RATIO = 1e3  # of P₀/P_ref, and of its inverse, in a sample: beyond it is no axis, and u would overflow
+_GOLDEN = (math.sqrt(5) - 1) / 2  # its multiples spread the conventions evenly over the order of the samples
+_MOST_RATIO = 1e3  # of P₀/P_ref, and of its inverse, in a sample: no axis lies beyond, and u would overflow
 
 _PROBABLE = 0.15
-"""Probability of a convention from which its own 95 % interval is a part of that of the stiffness.
+"""Probability of a convention from which the interval of the stiffness contains its own 95 % interval.
 
 The ends of the whole interval cut 2.5 % of all samples off, which are the outer tail of the outermost
-convention: 17 % of one with this probability. On 82 random axes a K preloaded, stated as R_nu,ar or as of a
-nut with clearance, is missed by 10 and 9 % of the good intervals without this and by 4 and 5 % with it
+convention: 17 % of one with this probability. On 82 random axes whose K is of a preloaded nut but stated as
+R_nu,ar or as of a nut with clearance, 10 and 9 % of the good intervals miss without this, 4 and 5 % with it
 (``benchmarks.conventions``, seeds 500 to 581). The nut's interval contains the bearing's drift besides.
 """
 
@@ -212,6 +212,7 @@ class PosteriorSamples:
         fused = fuse(change, model.covariance)
         self._base_by_model = change, fused
         noise = self._normal[:, _BASELINE] * fused.spread
+        # The share's own error counts once, in the change since the baseline.
         u = self._u_samples(change, fused, np.ones(len(noise)), noise, share_error=0.0)
         ratio = math.nan
         if fused.u > 0:
@@ -377,8 +378,9 @@ def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array, NDArray[n
     """Deviations of the working vector and of ln P₀/P_ref of each group of runs, and standard-normal numbers.
 
     The deviations have shape (n, 7 + groups); samples that the tolerances of the data sheet exclude are
-    replaced. Other conventions of the data sheet's K have their part of the samples, in which the change is
-    added and the sheet's numbers are as by these. The third array numbers the convention of each sample.
+    replaced. Each other convention of the data sheet's K has samples in proportion to its probability: its
+    change is added, and estimates of the sheet's values are those under it. The third array numbers the
+    convention of each sample.
     """
     covariance = np.block(
         [[model.covariance, model.cross_covariance], [model.cross_covariance.T, model.log_ratio_covariance]]

@@ -9,8 +9,9 @@ from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
 
-_LEAST_CURVATURE = 0.4  # of the lost one: an end that is lost in some conditions or trips only counts too
-_MOST_CURVATURE = 2.5  # the same on the other side, for a model whose curvature is uncertain
+# Growth of the curvature over that of an end that is lost: less, if it is lost in some conditions or trips
+# only; more, since the model's curvature is uncertain.
+_LEAST_CURVATURE, _MOST_CURVATURE = 0.4, 2.5
 
 
 def lost_end(

@@ -32,7 +32,8 @@ from ballscrew.recording.quality.clock import clock_difference
 _MOST_REASONS = 3  # of a run, and notes of the calibration, that are repeated with a preload
 _ID_LENGTH = 12  # characters of a run's id in the sentences on a calibration
 _TIME_WIDTH = 16  # characters of a run's time, to the minute
-# Doubts whose error a test repeats, so that a change cancels it: not chance, a lost contact or another mode.
+# Doubts whose error every run of a test repeats, so that a change cancels it; chance, a lost contact and
+# another mode do not repeat.
 _CANCELLED = frozenset(("measurement", "low-rate", "unexcited", "unmeasured-force"))
 _WIDEST = 8.0  # ratio of the interval's ends above which an estimate is suspect
 
@@ -83,19 +84,19 @@ def why_not_good(
 
 
 def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False) -> list[str]:
-    """Reasons by which half of the cells of a run or baseline are suspect, without those a change cancels.
+    """Reasons that make half of the cells of run or baseline suspect, less those that cancel in a change.
 
     Parameters
     ----------
     run, baseline : Run
         Analysed.
     in_history : bool
-        Whether the scatter of a history contains chance, and a nut that the test unloads is its wear.
+        For runs of a history: its scatter contains chance already, and a nut that the test unloads is worn.
 
     Returns
     -------
     list of str
-        A reason that both have once.
+        A reason of both is listed once.
     """
     of_run = common_doubts(run)
     of_baseline = {} if baseline is None else common_doubts(baseline)
@@ -157,7 +158,7 @@ def why_nut_uncertain(estimate: PreloadEstimate, evidence: NutEvidence, bearing_
 def limit_released(
     estimate: PreloadEstimate, run: Run, baseline: Run | None, model: CalibratedAxis
 ) -> PreloadEstimate:
-    """Give the nut's preload an upper limit alone where the test's own load unloads most cells of a run.
+    """Give the nut's preload only an upper limit where the test's own load unloads most cells of a run.
 
     Parameters
     ----------
@@ -191,7 +192,7 @@ def limit_released(
 
 
 def doubts_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> list[str]:
-    """Reasons by which a result of a calibrated model is suspect.
+    """Reasons that make a result of a calibrated model suspect.
 
     Parameters
     ----------
@@ -280,7 +281,7 @@ def estimate_notes(
 
 
 def why_no_frequency(run: Run) -> str:
-    """Reason for a run without a frequency, with those of its first cell that has one."""
+    """Reason for a run without a frequency, with the reasons of the first cell that states any."""
     text = "no cell of the run has a frequency"
     for cell in run.cells:
         if cell.reasons:
@@ -344,11 +345,11 @@ def _suspect_measurements(run: Run, baseline: Run | None) -> list[str]:
 
 
 def _cause_notes(estimate: PreloadEstimate) -> list[str]:
-    """Notes on other possible causes, except those that are reported as reasons."""
+    """Notes on other possible causes, except local wear and the torque, which have sentences of their own."""
     return [
         f"also possible: {cause.text} (probability {cause.probability:.2f})"
         for cause in other_possible_causes(estimate.causes)
-        if cause.name not in ("bearing", "local", "torque")
+        if cause.name not in ("local", "torque")
     ]
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-SOFTENING = 0.10
+SOFTENING_SPREAD = 0.10
 """Relative uncertainty of mass over preload by the law of the softening and the nut's share.
 
 No scatter of a run shows it: it repeats from run to run, the rest of a run's uncertainty is noise."""

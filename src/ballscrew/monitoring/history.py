@@ -19,7 +19,7 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.calibration.method import common_method
-from ballscrew.estimation.nut import bearing_over_nut, preload_by_softening
+from ballscrew.estimation.nut import bearing_over_nut, log_preload_by_softening
 from ballscrew.modal.amend import SUPERSEDES, current_runs
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.assessment import AssessedRun, MeasuredRun, agree, assess_run, unassessed_reading
@@ -57,7 +57,7 @@ class HistoryRow:
     bearing_over_nut : float
         Compliance of the support bearing over that of the nut; nan where the change is not known.
     softening : tuple of float or None
-        As :func:`~ballscrew.estimation.nut.preload_by_softening` returns it.
+        As :func:`~ballscrew.estimation.nut.log_preload_by_softening` returns it.
     charted : ChartedRun or None
         None where the run does not count.
     """
@@ -341,7 +341,7 @@ def _with_run(
         doubts=assessed.doubts,
         limit=assessed.limit,
         bearing_over_nut=ratio,
-        softening=preload_by_softening(run, model.nut_mass),
+        softening=log_preload_by_softening(run, model.nut_mass),
         charted=charted,
     )
     return replace(state, chart=chart, newest=newest, rows=(*state.rows, row))

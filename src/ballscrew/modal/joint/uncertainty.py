@@ -15,7 +15,7 @@ from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit
 from ballscrew.modal.joint.mode import AxialMode, local_compliance, mode_frequency, relative_compliance
 from ballscrew.modal.joint.parameters import LOCAL, Parameter
 from ballscrew.modal.joint.simulation import LEAST_COMPLIANCE, LEAST_NUT, MOST_SHARE
-from ballscrew.modal.run import SOFTENING
+from ballscrew.modal.run import SOFTENING_SPREAD
 
 _MEDIAN = 1.4826  # standard deviation of a normal variable over the median of its absolute value
 # Fraction of the information of all cells that is added to that of one condition: parameters that the
@@ -340,4 +340,4 @@ def mass_over_preload(found: JointFit, prior_weight: float, expected: float) -> 
         return None
     fitted = math.log(found.modes[0].mass_over_preload)
     value = math.exp(fitted + prior_weight / information_of_run * (fitted - math.log(expected)))
-    return Quantity(value, value * math.hypot(spread, SOFTENING), "kg/N")
+    return Quantity(value, value * math.hypot(spread, SOFTENING_SPREAD), "kg/N")
