@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -14,8 +16,10 @@ from ballscrew.base.errors import ALARM, DONE, REFUSED, UNASSESSED, WATCH
 from ballscrew.base.jsonfile import write_json
 from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.modelfile import write_model
+from ballscrew.cli import model_app
 from ballscrew.cli.monitor import health_status
 from ballscrew.modal.run import Run
+from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.quality.finding import Quality
 
@@ -203,3 +207,9 @@ def test_exit_statuses_of_the_states() -> None:
     assert health_status(replace(state, reasons=("the calibration is suspect",))) == UNASSESSED
     suspect = replace(state, runs=(*state.runs[:-1], replace(state.runs[-1], state="suspect")))
     assert health_status(suspect) == UNASSESSED
+
+
+@pytest.mark.parametrize("command", [model_app.monitor, model_app.watch])
+def test_the_rate_of_false_alarms_of_a_command_is_that_of_the_settings(command: Callable[..., int]) -> None:
+    stated = signature(command).parameters["false_alarms"].default
+    assert stated == MonitorSettings().false_alarms_per_year

@@ -36,6 +36,14 @@ def test_a_straight_fall_of_the_preload_is_linear_too() -> None:
     assert np.diff(wear_depth(ratio ** (2 / 3), np.array(-0.5)), 2) == pytest.approx(0, abs=1e-12)
 
 
+@given(st.floats(0.0, 1e4))
+def test_the_onset_of_a_probability_has_that_probability(duty: float) -> None:
+    prior = FamilyPrior()
+    probability = prior.onset_probability(np.array([duty]))
+    assert prior.onset_at(probability)[0] == pytest.approx(duty, rel=1e-9)
+    assert prior.onset_probability(np.array([prior.onset]))[0] == 0.5
+
+
 @given(st.floats(-2, 1.1), st.floats(-0.5, 1.5))
 def test_depth_and_remaining_part_are_inverse(x: float, p: float) -> None:
     """Also with backlash, where x is below 0."""

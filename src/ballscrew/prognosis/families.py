@@ -82,6 +82,14 @@ class FamilyPrior:
     relaxation: float = 5.0
     relaxation_spread: float = 1.5
 
+    def onset_probability(self, duty: Array) -> Array:
+        """Probability of an onset before a duty, days."""
+        return duty / (self.onset + duty)
+
+    def onset_at(self, probability: Array) -> Array:
+        """Duty before which wear has begun with a probability below 1, days."""
+        return self.onset * probability / (1 - probability)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cloud:
@@ -168,8 +176,7 @@ class Family:
             One member per row of ``z``.
         """
         m = len(z)
-        begin = np.minimum(ndtr(z[:, 1]), 1 - 1e-12)
-        onset = prior.onset * begin / (1 - begin)
+        onset = prior.onset_at(np.minimum(ndtr(z[:, 1]), 1 - 1e-12))
         worn = np.maximum(span - onset, max(0.1 * span, 1.0))
         exponent, growth = np.full(m, _STRAIGHT), np.zeros(m)
         change, factor = np.full(m, 1e9), np.ones(m)

@@ -68,7 +68,7 @@ class OnsetScale:
             Beyond the last reading it is the prior.
         """
         before = np.unique(np.append(0.0, np.maximum(duty, 0.0)))
-        by_prior = before / (prior.onset + before)
+        by_prior = prior.onset_probability(before)
         return cls(by_prior, 0.5 * by_prior + 0.5 * np.linspace(0.0, by_prior[-1], len(before)))
 
     def to_prior(self, number: Array) -> tuple[Array, Array]:

@@ -22,7 +22,8 @@ class JointSettings:
     lowest, highest : float
         Range in which the mode is searched for without a data sheet, Hz.
     rate : float
-        Sampling rate over the mode's frequency; recordings with a higher one are decimated.
+        Sampling rate over the mode's frequency; recordings with a higher one are decimated. The least rate is
+        :data:`ballscrew.fcft.trace.SAMPLES_PER_PERIOD`.
     floor, motor_floor : float
         Power of the white noise that is added to the residual's spectrum before the whitening filter is
         computed, over the power of the residual: for the response of the nut to the torque, and for that of
