@@ -3,10 +3,21 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
+
 from ballscrew.fcft.plan import Motion, Plan
+from ballscrew.fcft.trace import SAMPLES_PER_PERIOD
 from ballscrew.modal.cell import CellResult
-from ballscrew.modal.joint.analysis import _clock_uncertainty, _with_lost_end, suspect_unexcited
+from ballscrew.modal.joint.analysis import (
+    _clock_uncertainty,
+    _with_lost_end,
+    signal_reducer,
+    suspect_unexcited,
+)
+from ballscrew.modal.joint.identify import too_slow
 from ballscrew.modal.joint.settings import JointSettings
+from ballscrew.modal.reason import Reason
+from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.quality.clock import Clock
 
 CELL = CellResult(0.0, "PA", 0, 3, 170.0, 0.3, 0.02, "joint", "good", ())
@@ -21,6 +32,17 @@ def test_no_frequency_on_a_screw_fixed_at_both_ends_asks_for_its_pretension() ->
     refused = replace(CELL, frequency_Hz=None, standard_uncertainty_Hz=None, verdict="refused")
     assert "lost its pretension" in _with_lost_end([refused])[0].reasons[-1]
     assert _with_lost_end([refused, CELL]) == [refused, CELL]
+    slow = refused.with_reasons(Reason("low-rate", "record at 3000 Hz or more"))
+    assert _with_lost_end([slow]) == [slow]
+
+
+def test_without_a_data_sheet_the_rate_suffices_for_every_mode_that_may_be_found() -> None:
+    """The recordings were reduced for the middle of the range: modes from 256 Hz on were refused."""
+    settings, samples = JointSettings(), np.zeros(51_200)
+    aligned = Aligned(51_200.0, samples, "torque", samples, np.zeros((1, len(samples))), ("acc1",))
+    trip = signal_reducer(None, 0.0, settings)(aligned)
+    assert too_slow(trip.rate, settings.highest, settings) is None
+    assert trip.rate < 2 * SAMPLES_PER_PERIOD * settings.highest
 
 
 def test_a_jerk_of_one_period_makes_a_cell_suspect() -> None:

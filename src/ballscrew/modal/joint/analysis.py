@@ -17,6 +17,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.tables import table_rows
 from ballscrew.fcft.expected import executed, least_excitation
 from ballscrew.fcft.plan import Motion, Plan
+from ballscrew.fcft.trace import SAMPLES_PER_PERIOD
 from ballscrew.modal.cell import CellKey, CellResult, SharedError
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
@@ -30,9 +31,10 @@ from ballscrew.recording.rotation import RotationSums, rotating_modes
 
 # Spectrum of the jerk phase at the mode over that of a sudden change of acceleration.
 _LEAST_EXCITATION = 0.15
-# Periods by which a jerk phase may differ from a whole number of them, where its spectrum is 0.
+# Distance of a jerk phase from a null of its spectrum, a whole number of periods, in periods.
 _NULL_WIDTH = 0.25
 _LOST_END = Reason("no-mode", "or has an end of the screw, which is fixed at both ends, lost its pretension?")
+_NOT_MEASURED = {"measurement", "low-rate"}
 _LARGEST_UNCERTAINTY = 0.5  # relative uncertainty of a ripple torque above which it is not reported
 
 
@@ -44,7 +46,7 @@ def signal_reducer(
     Parameters
     ----------
     sheet : DataSheet or None
-        Predicts the mode's frequency; without it that is the geometric mean of the range that is searched.
+        Predicts the mode's frequency; without it the rate suffices for every mode that may be found.
     load : float
         On the table, kg.
     settings : JointSettings
@@ -55,14 +57,14 @@ def signal_reducer(
     callable
         For :func:`ballscrew.recording.measure.measure`.
     """
-    # At x = 0 the frequency is not lower than in the middle of the axis, which the estimator needs.
-    mode = math.sqrt(settings.lowest * settings.highest)
+    rate = min(SAMPLES_PER_PERIOD, settings.rate) * settings.highest
     if sheet is not None:
-        mode = float(predicted_frequency(sheet, 0.0, load))
+        # At x = 0 the frequency is not lower than in the middle of the axis, which the estimator needs.
+        rate = settings.rate * float(predicted_frequency(sheet, 0.0, load))
 
     def reduce(aligned: Aligned) -> TripSignals:
         nut = [row for row, name in enumerate(aligned.responses) if ":motor" not in name]
-        return trip_signals(replace(aligned, response=aligned.response[nut]), settings.rate * mode)
+        return trip_signals(replace(aligned, response=aligned.response[nut]), rate)
 
     return reduce
 
@@ -145,12 +147,14 @@ def _named_trips(measurement: Measurement) -> list[TripSignals]:
 def _with_lost_end(cells: Sequence[CellResult]) -> list[CellResult]:
     """Cells with a further reason if none has a frequency, on a screw that is fixed at both ends.
 
-    An end that only pulls, without its pretension, carries in one direction: the axis then has two
-    stiffnesses in every vibration, and no mode of the model.
+    An end without its pretension carries load in one direction only: the axis then has two stiffnesses in
+    every vibration, and no mode of the model. Cells that were not measured as they must be say so alone.
     """
     if any(cell.frequency_Hz is not None for cell in cells):
         return list(cells)
-    return [cell.with_reasons(_LOST_END) for cell in cells]
+    return [
+        cell if _NOT_MEASURED & set(cell.reason_kinds) else cell.with_reasons(_LOST_END) for cell in cells
+    ]
 
 
 def _reordered(
@@ -233,7 +237,7 @@ def suspect_rotating(
 
 
 def suspect_delayed(cells: Sequence[CellResult]) -> tuple[CellResult, ...]:
-    """Make cells suspect whose only response, the motor's motion, is delayed against the torque.
+    """Make all cells suspect, since their only response, the motor's motion, is delayed against the torque.
 
     A delay alone is fitted. A filter that smooths the speed also delays it, and shifts the frequencies.
     """

@@ -34,7 +34,7 @@ _CHANCE = 40.0  # of an independent sample's
 _OUTSTANDING = 12.0  # of what the median order explains
 
 _NEAR = (0.7, 1.25)  # frequency at full speed over those of the mode along the axis
-_STEP = 3.0  # candidates per reciprocal of the turns along the axis: their resolution
+_STEP = 3.0  # candidates per resolution of orders, one over the turns along the axis
 _REFINED = np.linspace(-0.5, 0.5, 9)  # around the best candidate, in the same unit
 _EVERY = 3  # samples: the band ends below half of this lower rate
 _RANK_TOLERANCE = 1e-6  # as for whole orders

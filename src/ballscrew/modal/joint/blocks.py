@@ -171,7 +171,7 @@ def make_block(
     Columns that do not depend on the mode: the second derivative of the force, for the modes above the band;
     for the motor's acceleration also the force and its derivative, since the motor is accelerated by the
     torque less the spring's force; and the ripple itself. The ripple has a second column, the response of the
-    mode to it: the two separate forces at the motor from forces at the nut.
+    mode to it: the weights of the two show whether a force acts at the motor or at the nut.
 
     Parameters
     ----------
@@ -267,7 +267,8 @@ def pitching_of(b: Block, mode: AxialMode, simulation: Simulation) -> Array:
 
 def ripple_columns(b: Block, mode: AxialMode) -> Array:
     """The last of :func:`raw_columns`: the ripple in the band, and the response of the mode to it."""
-    return np.hstack([b.known[:, -b.ripple.shape[1] :], simulate(b, mode).to_ripple])
+    first = b.known.shape[1] - b.ripple.shape[1]
+    return np.hstack([b.known[:, first:], simulate(b, mode).to_ripple])
 
 
 def raw_columns_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[Array]:
@@ -276,7 +277,7 @@ def raw_columns_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[
     Parameters
     ----------
     blocks : sequence of Block
-        All of the same windows and ripple.
+        Those with the same drive have the same windows and ripple.
     modes : sequence of AxialMode
         One per block.
     """

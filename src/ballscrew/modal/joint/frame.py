@@ -21,8 +21,8 @@ from ballscrew.modal.joint.parameters import Modes, with_rotor_parts
 from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile
 
 # Least part of a block's residual that a frame explains, as of `frame_scores`. On 8 random axes without a
-# frame near the mode it was 0.04 at most, on the independent bench 0.12; with one of 4 to 20 times the moving
-# mass, 0.15 at least.
+# frame near the mode it was 0.04 at most, on the independent bench 0.12 (the fit below rejects it); with one
+# of 4 to 20 times the moving mass, 0.15 at least.
 _LEAST_SCORE = 0.06
 _SCORED = np.geomspace(0.55, 1.8, 13)  # frequencies of the frame, over the axial one
 _SCORED_RATIO = 1e-3  # moving mass over the frame's
@@ -34,8 +34,8 @@ _RATIO = 0.12  # moving mass over the frame's
 _DAMPING = 0.05  # damping ratio of the frame
 _ROTOR_PART = 0.6  # of the total inertia, where only one of the two frequencies is fitted
 
-# A frame must lower the log residual by this and be damped less, against a fit of the pitching mode alone,
-# which is fitted with a frame. On ten random axes in 16 worlds without a frame, fits find reductions of 0.06
+# Least reduction of the log residual against a fit of the pitching mode without a frame, and largest damping
+# ratio. On ten random axes in 16 worlds without a frame, fits find reductions of 0.06
 # at most; with frames of 4 to 20 times the moving mass, 0.12 at least in the runs where one is found. On the
 # independent bench, which has none, three trips find 0.001; single trips find up to 1, with frames of more
 # than 100 times the moving mass. The damping ratios of machines are 0.1 at most.
@@ -125,7 +125,7 @@ def frame_scores(plain: JointFit) -> Array:
     """Part of each block's residual that a frame of large mass would explain, at frequencies near the mode.
 
     The score test: one step from a fit without a frame, along the derivative by its coupling without what the
-    fitted parameters explain of it. Negative where the coupling would be.
+    fitted parameters explain of it. Negative where the best coupling would be.
 
     Parameters
     ----------

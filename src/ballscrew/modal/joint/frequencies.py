@@ -54,11 +54,11 @@ _ROUNDING = 0.8
 # middle to an end of the axis over that amplitude. The fitted damping grows with the rounding, by another
 # amount at each stop. In 8 runs of an axis of the testbed the mean was 0.2 and the tilt 0.022.
 _ROUNDING_MEAN, _ROUNDING_TILT = 1.4, 0.095
-_LEAST_ROUNDING = 5e-5  # of the frequency: less is no term
+_LEAST_ROUNDING = 5e-5  # of the frequency: smaller terms are left out
 
 _LEAST_UNMEASURED = 1e-4  # of the power of the response: with less unmeasured force there is no such term
 
-# The rotor-held frequency is estimated in two ways: their difference per standard uncertainty.
+# The rotor-held frequency is estimated in two ways: a third of their difference is a standard uncertainty.
 _METHODS_DIFFERENCE = 3.0
 
 _ZERO_DAMPING = 0.3  # largest damping ratio of the zero of the motor's response
@@ -239,7 +239,8 @@ def _rotor_held_frequency(
     if len(fit.blocks) > 1:
         rotor_held, terms = _curve(final, unwhitened, ROTOR_HELD, fit.blocks[0].windows.stops, settings)
         # Noise of the encoder is an error of the motor's motion as a drive, but not of the zero.
-        uncertainty = np.hypot(_total(terms), np.abs(rotor_held - zero) / _METHODS_DIFFERENCE)
+        difference = np.where(np.isfinite(zero), rotor_held - zero, 0.0)
+        uncertainty = np.hypot(_total(terms), difference / _METHODS_DIFFERENCE)
     else:
         rotor_held = zero
         uncertainty = np.sqrt(zero_uncertainty**2 + (free_uncertainty * zero / free) ** 2)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.trace import SAMPLES_PER_PERIOD
 from ballscrew.modal.cell import TransientRow
@@ -76,7 +77,7 @@ def identify_jointly(
     if not transients:
         return JointResult((), (Reason("measurement", "no acceleration phase was found"),))
     for number, trip in enumerate(trips, start=1):
-        if not np.isfinite([trip.force, trip.position, *trip.response]).all():
+        if not all(np.isfinite(channel).all() for channel in _channels(trip)):
             text = f"trip {number} has samples that are no numbers"
             return refused_run(transients, Reason("measurement", text))
     low, high = position_range(trips)
@@ -151,6 +152,14 @@ def _block_names(trips: Sequence[TripSignals], response: Response) -> tuple[str,
     return names
 
 
+def _channels(trip: TripSignals) -> list[Array]:
+    """All signals of a trip."""
+    channels = [trip.force, trip.position, *trip.response]
+    if trip.motor is not None:
+        channels.append(trip.motor)
+    return channels
+
+
 def _check(trips: Sequence[TripSignals], transients: Sequence[TransientRow], response: str) -> None:
     """Refuse trips and transients that do not belong together."""
     if response not in RESPONSES:
@@ -160,7 +169,7 @@ def _check(trips: Sequence[TripSignals], transients: Sequence[TransientRow], res
     if len({(trip.rate, len(trip.response)) for trip in trips}) > 1:
         raise InputError("the trips have different rates or accelerometers; a run has one set of channels.")
     for number, trip in enumerate(trips, start=1):
-        if len({len(trip.force), len(trip.position), *map(len, trip.response)}) > 1:
+        if len({len(channel) for channel in _channels(trip)}) > 1:
             raise InputError(f"trip {number} has channels of different lengths.")
     if any(not 0 <= transient.file < len(trips) for transient in transients):
         raise InputError(f"a transient belongs to a trip that is not among the {len(trips)}.")

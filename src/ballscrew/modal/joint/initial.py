@@ -164,7 +164,7 @@ def expected_mass_over_preload(
     Returns
     -------
     value : float
-        Mean of the logarithm, kg/N.
+        Geometric mean, kg/N.
     deviation : float
         Standard deviation of its logarithm.
     least : float

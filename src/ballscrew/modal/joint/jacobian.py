@@ -59,7 +59,7 @@ def model_jacobian(
     out = []
     derivatives = _whitened_derivatives(blocks, modes, solved, parameters, values)
     for s, weight, (own, of_model) in zip(solved, weights, derivatives, strict=True):
-        column = weight * np.eye(len(parameters))[own]  # of each derivative
+        column = weight * np.eye(len(parameters))[own]  # of each derivative among all
         out.append(s.without_columns(of_model).reshape(s.residual.size, len(own)) @ column)
     return out
 

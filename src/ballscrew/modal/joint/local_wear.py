@@ -77,7 +77,7 @@ def local_priors(variation: LocalVariation, places: tuple[float, ...], curved: b
 
 
 def shrinkage_covariance(found: JointFit, variation: LocalVariation) -> Array:
-    """Covariance of the parameters by the error of local compliances that their prior has drawn towards 0."""
+    """Covariance of the parameters due to the shrinkage of the local compliances by their prior."""
     inverse = np.linalg.pinv(found.hessian)
     at = [k for k, (field, _) in enumerate(found.parameters) if field.startswith(LOCAL)]
     if not at or variation.spread == 0:

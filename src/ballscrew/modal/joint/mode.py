@@ -32,8 +32,8 @@ class AxialMode:
         Moving mass over preload, kg/N: times the table's acceleration it is the load on the nut over its
         preload. 0 for a nut that no load softens.
     nut_over_rest : float
-        Compliance of the nut in the middle over that of all other parts, where ``mass_over_preload`` is
-        1 kg/N. The nut's compliance is proportional to the cube root of ``mass_over_preload`` (Hertz).
+        Compliance of the nut in the middle over that of all other parts, scaled to a ``mass_over_preload`` of
+        1 kg/N: times the cube root of ``mass_over_preload`` it is the ratio itself (Hertz).
     friction : float
         Friction on the table, as an acceleration, m/s².
     pitch, pitch_damping : float
@@ -53,7 +53,7 @@ class AxialMode:
         Moving mass over the frame's mass; 0 for a frame that does not move.
     rotor_part : float
         The rotor's part of the total inertia with the rotor free, and 1 with it held: the frame's coupling to
-        the mode is smaller by it.
+        the mode is multiplied by it.
     """
 
     compliance: float

@@ -28,7 +28,7 @@ MODE_FIELDS = ("compliance", "slope", "curve", "damping")
 """Fields of each mode; the others are common to all modes."""
 
 # Fields whose logarithm is the parameter.
-_LOGARITHMIC = ("compliance", "damping", "mass_over_preload", *FRAME_FIELDS)
+LOGARITHMIC = ("compliance", "damping", "mass_over_preload", *FRAME_FIELDS)
 _LIMITS = {
     "damping": (1e-3, 0.5),
     "pitch_damping": (1e-3, 0.5),
@@ -46,7 +46,7 @@ def limits_of(parameters: Sequence[Parameter]) -> Array:
         limits = _LIMITS.get(field, (-math.inf, math.inf))
         if field.startswith(LOCAL):
             limits = _LOCAL_LIMITS
-        elif field in _LOGARITHMIC and field in _LIMITS:
+        elif field in LOGARITHMIC and field in _LIMITS:
             limits = math.log(limits[0]), math.log(limits[1])
         out[:, k] = limits
     return out
@@ -62,7 +62,7 @@ def read_parameter(mode: AxialMode, field: str) -> float:
     if field.startswith(LOCAL):
         return mode.local[stop_of(field)]
     value = float(getattr(mode, field))
-    return math.log(value) if field in _LOGARITHMIC else value
+    return math.log(value) if field in LOGARITHMIC else value
 
 
 def modes_with(
@@ -79,13 +79,13 @@ def modes_with(
             if field.startswith(LOCAL):
                 local[stop_of(field)] = value
             else:
-                changes[field] = math.exp(value) if field in _LOGARITHMIC else value
+                changes[field] = math.exp(value) if field in LOGARITHMIC else value
         out.append(replace(mode, local=tuple(local), **changes))
     return with_rotor_parts(blocks, out)
 
 
 def with_rotor_parts(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> Modes:
-    """Modes of a moving frame with the rotor's part of the inertia that the two frequencies have, Eq. (3).
+    """Modes of a moving frame with ``rotor_part`` = (f_held/f_free)², Eq. (3).
 
     Parameters
     ----------

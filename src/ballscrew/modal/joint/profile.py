@@ -25,7 +25,7 @@ from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.parameters import FRAME_FIELDS
 from ballscrew.modal.joint.uncertainty import variance_inflation
 
-# Mean and standard deviation of the logarithm: damping of frame and pitching mode; and about the pitching
+# Median, and standard deviation of the logarithm: damping of frame and pitching mode; and about the pitching
 # mode's initial frequency.
 _FRAME_PRIORS = {"frame_damping": (0.05, 0.9), "pitch_damping": (0.03, 0.7)}
 _PITCH_DEVIATION = 0.05

@@ -53,7 +53,7 @@ _ZERO = 1e-12  # m/s²
 
 @dataclass(frozen=True, slots=True)
 class Force:
-    """Forces of a fit that repeat along the screw: whole orders, and the order of the balls if they show.
+    """Forces of a fit that repeat along the screw: whole orders, and the order of the balls if significant.
 
     ``lead`` is the travel per turn, m.
     """
@@ -137,7 +137,7 @@ class RippleModel:
         return RippleFit(now, variation, forces)
 
     def _select(self, w: Windows, harmonics: Array, mode: AxialMode, before: Force) -> Force:
-        """Whole orders, and that of the balls once these stay: before, it may be a remainder of one."""
+        """Whole orders; once they stay, also that of the balls: before, it may be a remainder of one."""
         name, lead = self.names[0], before.lead
         balls = ball_forces(w, lead, before.balls)
         orders = select_orders(name, w, mode, harmonics, lead, balls, from_rest=self.from_rest)

@@ -50,7 +50,7 @@ _FIRST_ITERATIONS, _ITERATIONS = 6, 8
 _FRICTION_RESIDUAL = 2.0  # over the residual elsewhere
 _FRICTION_RESPONSE = 0.1  # over the response there, without the noise elsewhere
 _HIDES_FRICTION = 0.2  # over the response there, noise included
-_AROUND_SLIP = (0.006, 0.015)  # s before and after the table begins to slide
+_AROUND_SLIP = (0.006, 0.015)  # s before and after the first sample that is fitted in motion
 OTHER_NUT = 1.5
 """Expected mass over preload over that found: from this ratio on the nut may be another than that found."""
 

@@ -23,7 +23,7 @@ class JointSettings:
         Range in which the mode is searched for without a data sheet, Hz.
     rate : float
         Sampling rate over the mode's frequency; recordings with a higher one are decimated. The least rate is
-        :data:`ballscrew.fcft.trace.SAMPLES_PER_PERIOD`.
+        :data:`ballscrew.fcft.trace.SAMPLES_PER_PERIOD` samples per period of the mode.
     floor, motor_floor : float
         Power of the white noise that is added to the residual's spectrum before the whitening filter is
         computed, over the power of the residual: for the response of the nut to the torque, and for that of
@@ -74,7 +74,7 @@ class JointSettings:
         if not 0 < self.lowest < self.highest < float("inf"):
             raise InputError(
                 f"the mode is sought from {self.lowest:g} to {self.highest:g} Hz;"
-                " this must rise, from above 0."
+                " the first must be above 0 and below the second."
             )
         if not 6 <= self.rate < float("inf"):
             raise InputError(f"the rate is {self.rate:g} times the mode's frequency; it must be 6 or more.")

@@ -39,7 +39,7 @@ class TripSignals:
     name : str
         Of the recording.
     motor : ndarray, shape (n,), optional
-        Acceleration of the motor by its speed, m/s²; by its position where there is none.
+        Acceleration of the motor by its speed, m/s²; without it that of the position is used.
     """
 
     rate: float
@@ -86,7 +86,7 @@ def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
 
 
 def _rounding(force: Array, rate: float) -> float:
-    """Power per hertz of the rounding to steps: it lies below half the rate at which the signal changes."""
+    """Power per hertz of the rounding: step²/12, spread from 0 to half the rate of the signal's changes."""
     steps = np.diff(np.unique(force))
     changes = np.count_nonzero(np.diff(force)) / max(len(force) - 1, 1) * rate
     if not len(steps) or not changes > 0:

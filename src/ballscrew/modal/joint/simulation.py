@@ -74,7 +74,7 @@ SOFTENING = _softening()
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _growth(load: float, softening: Array) -> float:
     """Growth of the secant compliance at a load over the preload, from the table."""
-    at = min(softening.shape[0] - 2.0, abs(load) / LOAD_STEP)  # in this order: of nan the last of the table
+    at = min(softening.shape[0] - 2.0, abs(load) / LOAD_STEP)  # in this order nan gives the end of the table
     k = np.uint64(at)  # unsigned: an index that may be negative takes longer
     return float(softening[k] + (at - k) * (softening[k + np.uint64(1)] - softening[k]))
 
@@ -119,9 +119,9 @@ def _exact_factors(omega: float, zeta: float, dt: float) -> tuple[float, float]:
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _central(stiff: float, damp: float, dt: float) -> tuple[float, float]:
-    """The same factors for a rate in the middle of the step: stiffness, and half of the damping times Δt."""
+    """Stiffness, and half of the damping times Δt: the same poles for a rate in the middle of the step."""
     half = damp * dt / (2 - damp * dt)
-    return (2 - (2 - stiff * dt * dt - damp * dt) * (1 + half)) / (dt * dt), half
+    return stiff * (1 + half), half
 
 
 @compiled(fastmath={"contract", "arcp", "nsz"})

@@ -15,7 +15,7 @@ from ballscrew.modal.joint.uncertainty import parameter_deviation
 from ballscrew.modal.joint.windows import average_windows, subset
 from ballscrew.modal.reason import Reason
 
-_STEPS = 2  # of a fit from the run's own: trips of one state differ by less than one step can follow
+_STEPS = 2  # of a fit from the run's own: differences of trips of one state are small
 # Least difference of a trip from the others that is reported, over its standard uncertainty; and relative.
 _CLEAR = 4.0
 _LEAST_DIFFERENCE = 0.003
@@ -37,7 +37,7 @@ def trip_shifts(
     found: JointFit,
     forces: Force,
 ) -> tuple[TripShift, ...]:
-    """Fit the compliance of every trip alone, all else as in the run.
+    """Fit the compliance of every trip alone to the first block, in motion; the mode's rest is as in the run.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import Quantity
 from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit
 from ballscrew.modal.joint.mode import AxialMode, local_compliance, mode_frequency, relative_compliance
-from ballscrew.modal.joint.parameters import LOCAL, Parameter
+from ballscrew.modal.joint.parameters import LOCAL, LOGARITHMIC, Parameter, stop_of
 from ballscrew.modal.joint.simulation import LEAST_COMPLIANCE, LEAST_NUT, MOST_SHARE
 from ballscrew.modal.run import SOFTENING_SPREAD
 
@@ -211,6 +211,7 @@ def tie_slopes(found: JointFit, shrinkage: Array, deviation: float, reach: float
         allowed = (deviation / reach**power) ** 2
         spread = (noise + conditions) @ contrast
         gain = spread / float(contrast @ spread + allowed)
+        gain[[index is None for _, index in parameters]] = 0.0  # those common to all modes stay
         difference = getattr(modes[0], field) - getattr(modes[1], field)
         modes = _add_to_parameters(modes, parameters, -gain * difference)
         remaining = np.eye(len(parameters)) - np.outer(gain, contrast)
@@ -228,7 +229,7 @@ def _add_to_parameters(
         if index is None:
             continue
         changed = getattr(out[index], field) + value
-        if field in ("compliance", "damping"):  # fitted as logarithms
+        if field in LOGARITHMIC:
             changed = getattr(out[index], field) * math.exp(value)
         values: dict[str, Any] = {field: changed}
         out[index] = replace(out[index], **values)
@@ -250,7 +251,7 @@ def _frequency_gradient(found: JointFit, block: int, place: Array) -> Array:
             out[:, k] = derivatives[field]
         elif field.startswith(LOCAL):
             unit = np.zeros(len(mode.places))
-            unit[int(field.removeprefix(LOCAL))] = 1.0
+            unit[stop_of(field)] = 1.0
             out[:, k] = -f / 2 * np.interp(place, mode.places, unit) / relative
     return out
 

@@ -132,11 +132,11 @@ def joint_result(
     overloaded = frequencies.nut_load > settings.most_load
     refused = uncertain | overloaded
     if np.mean(refused) > 0.5:
-        excess = np.maximum(
-            relative_uncertainty / settings.most_uncertainty, frequencies.nut_load / settings.most_load
-        )
-        worst = int(np.argmax(excess))
-        refusal = differing or _cell_reasons(frequencies, worst, settings)[0]
+        by_load = frequencies.nut_load / settings.most_load
+        by_uncertainty = relative_uncertainty / settings.most_uncertainty
+        worst = int(np.argmax(np.maximum(by_load, by_uncertainty)))
+        reasons = _cell_reasons(frequencies, worst, settings)  # that of the load first
+        refusal = differing or reasons[0 if by_load[worst] >= by_uncertainty[worst] else -1]
         result = refused_run(transients, refusal, found.ripple)
         loads = dict(zip(w.cells, frequencies.nut_load.tolist(), strict=True))
         cells = [replace(cell, nut_load_over_preload=loads.get(cell.key)) for cell in result.cells]

@@ -111,7 +111,7 @@ def free_responses(
             decay = math.exp(-zeta * omega[window, mode] * dt)
             at = begin[window] - start
             a, b = 1.0, 0.0
-            for i in range(at, -1, -1):  # before: without decay
+            for i in range(at, -1, -1):  # backwards without decay, or it would grow; it fills the filter
                 pair[0, i], pair[1, i] = a, b
                 a, b = cosine * a + sine * b, cosine * b - sine * a
             a, b = 1.0, 0.0
@@ -153,7 +153,7 @@ def whitening_filter(residuals: Sequence[Array], floor: float) -> Array:
     residuals : sequence of ndarray, shape (n,) or (n, responses)
         Of separate windows.
     floor : float
-        As for :func:`with_whitening`.
+        As for :func:`ballscrew.modal.joint.blocks.with_whitening`.
     """
     from scipy.linalg import solve_toeplitz
 

@@ -25,15 +25,16 @@ from ballscrew.modal.joint.signals import TripSignals, position_range
 BEFORE = 0.025  # length of a window before the acceleration phase begins
 AFTER = 0.16  # length of a window after the phase has ended, at most
 _GAP = 0.005  # least distance between the end of a window and the next phase
-_LARGEST_SHIFT = 0.004  # error with which the start of a phase is found in the position, at most
+_LARGEST_SHIFT = 0.004  # largest error of a phase's start as found in the position
 _ZERO_FORCE = 0.003  # at the start of a window: the mean force of this time is subtracted
 _FILTER_SETTLES = 0.008  # at the start of a window: not fitted, since the band's filter settles
 _AFTER_SLIP = 0.005  # a departure is fitted from this time after the table begins to slide
 _FOR_DERIVATIVES = 2  # samples of a window after the last one that is fitted: for second derivatives there
-_LEAST_COUNTED = 0.02  # of a window that is fitted
+_LEAST_COUNTED = 0.02  # fitted part of a window
 _SHORTER = 0.02  # by which a transient may be shorter than the median of its cell
 
-# Their effects on the frequency: docs/explanation/identification.md, "Why the model has these parts".
+# Effects of the next three on the frequency: docs/explanation/identification.md, "Why the model has these
+# parts".
 _SLIDING = 0.02  # m/s: below it friction still falls from its static to its sliding value
 _SLIDING_PART = 0.25  # of the highest speed: the limit for motions slower than 0.08 m/s
 _STANDSTILL = 2e-3  # m/s: below it the guide may hold the table by static friction
@@ -134,8 +135,8 @@ class Windows:
     in_motion : ndarray of bool, shape (n,)
         The same without the samples of a departure before the table slides.
     lengths : ndarray, shape (cells,)
-        Samples of each window with those after the last one that may be fitted, which are left out: the mean
-        square of a residual counts them.
+        Samples of each window before its end was cut off, where nothing is fitted: the mean square of a
+        residual, and so the weight of a block, is over these.
     direction : ndarray, shape (n,)
         +1 or -1, the direction of motion of the window.
     force : ndarray, shape (n,)
@@ -239,7 +240,7 @@ def _concatenate(rate: float, band: Band, middle: float, windows: Sequence[CellW
 
 
 def subset(w: Windows) -> Windows:
-    """Every k-th window, 12 to 24 of them: enough for the first fits, in less time."""
+    """Every k-th window, 8 to 23 of them: enough for the first fits, in less time."""
     step = max(1, len(w.cells) // _LEAST_SUBSET)
     step += step % 2 == 0  # four conditions a stop: an even step would omit some
     return select_cells(w, range(0, len(w.cells), step))
