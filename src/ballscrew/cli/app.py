@@ -50,7 +50,7 @@ app = typer.Typer(
 def _main(
     version: Annotated[bool, flag("Print the version and exit.", "--version", "-V")] = False,
     in_process: Annotated[
-        bool, flag("Read recordings without a process of their own; for debugging only.", "--in-process")
+        bool, flag("Read recordings in this process; for debugging only.", "--in-process")
     ] = False,
 ) -> None:
     if in_process:
@@ -300,7 +300,7 @@ def frf(
     plot: Annotated[Path | None, option("Plot the responses to a PNG, SVG or PDF file.", "FILE")] = None,
     table: TableFile = None,
 ) -> int:
-    """Estimate resonance and antiresonance of an axis that its drive excites by noise, a chirp or sine steps.
+    """Estimate resonance and antiresonance of an axis excited by its drive with noise, chirp or sine steps.
 
     The resonance of torque to motor speed is the axial mode with the rotor free, the antiresonance that with
     the rotor held. The JSON is a run for `calibrate` and `preload`, with a cell for each position.
@@ -332,13 +332,13 @@ def demo(
 def reproduce(
     out: Annotated[Path, option("Folder for the report and the runs.", "DIR")] = Path("ballscrew-paper"),
     quick: Annotated[
-        bool, flag("Three round trips per run instead of thirty; half of the days, four loads.", "--quick")
+        bool, flag("Three round trips per run, not thirty; runs every six days; four loads.", "--quick")
     ] = False,
     keep: Annotated[bool, flag("Keep the recordings (about 11 GB).", "--keep")] = False,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> int:
-    """Repeat the paper's two experiments on a simulated bench and compare its figures and claims.
+    """Simulate the paper's two experiments and compare the results with its figures and claims.
 
     First 0 to 50 kg on the table at one preload, then 80 days of wear with 100 kg, a run every three days.
     Takes about ten minutes; with --quick, under three. Recordings are deleted as they are analysed.
@@ -358,5 +358,5 @@ app.command(cls=Command, epilog='Example: ballscrew reprocess "X axis" --store p
 app.command(
     cls=Command,
     epilog="Example: ballscrew send run.toml --to https://plant:8443 --token-file token.txt\n\n"
-    'Of a machine: ballscrew send --watch D:\\X1 --pattern "{axis}_{run}_trip{trip}.h5" --trips 3 --to https://plant:8443',
+    'On a machine: ballscrew send --watch D:\\X1 --pattern "{axis}_{run}_trip{trip}.h5" --trips 3 --to https://plant:8443',
 )(send)

@@ -39,7 +39,7 @@ Events = Annotated[
 FalseAlarms = Annotated[float, option("False alarms of a healthy axis per year.", "RATE")]
 Repeats = Annotated[
     float,
-    option("Requests to repeat a test on the same day, per year of a healthy axis; 0 for none.", "RATE"),
+    option("Same-day repeats requested per year on a healthy axis; 0 for none.", "RATE"),
 ]
 ExitCode = Annotated[
     bool,
@@ -76,7 +76,7 @@ def calibrate(
     bearing_drift: Annotated[
         float,
         option(
-            "Largest relative difference of the thrust bearing's rigidity between runs of different days "
+            "Largest relative difference of the support bearing's rigidity between runs of different days "
             "(95 %).",
             "0.02",
             min=0,
@@ -129,8 +129,8 @@ def preload(
     trust_torque: Annotated[
         bool,
         flag(
-            "Assume that the torque constant does not drift: a change of the equivalent mass is then one of "
-            "the load.",
+            "Assume that the torque constant does not drift: a change of equivalent mass is then "
+            "attributed to the load.",
             "--trust-torque",
         ),
     ] = False,
@@ -176,7 +176,7 @@ def monitor(
     store: Annotated[
         Path | None,
         option(
-            "Store with the runs, events and model of the axis, for the result too. "
+            "Store that holds the axis's runs, events and model, and receives the result. "
             "[default: BALLSCREW_STORE, for the name of an axis]",
             "DIR",
         ),

@@ -51,10 +51,10 @@ def send(
         ),
     ] = None,
     trips: Annotated[
-        int | None, option("Files of a complete run without RUN.toml. [default: --plan's]", "N", min=1)
+        int | None, option("Files per complete run without RUN.toml. [default: --plan's]", "N", min=1)
     ] = None,
     plan: Annotated[
-        Path | None, option("Plan whose round trips have a file each, for --trips.", "PLAN.toml")
+        Path | None, option("Plan with one file per round trip; sets --trips.", "PLAN.toml")
     ] = None,
     send_incomplete: Annotated[bool, flag("Send runs with fewer files too.", "--send-incomplete")] = False,
     documents: Annotated[
@@ -71,8 +71,8 @@ def send(
     timeout: Annotated[
         float,
         option(
-            "With --watch: a run is incomplete when nothing was added for this long, s; without --trips it "
-            "is then complete.",
+            "With --watch: time without additions after which a run is incomplete or, without --trips, "
+            "complete, s.",
             "SECONDS",
             min=0,
         ),
@@ -85,7 +85,7 @@ def send(
         ),
     ] = None,
     spool_limit: Annotated[
-        float, option("Largest size of the spool; further runs stay where they are, GB.", "GB", min=0)
+        float, option("Largest size of the spool, GB; further runs stay where they are.", "GB", min=0)
     ] = 10.0,
     token_file: Annotated[
         Path | None, option("File with the token. [default: the variable BALLSCREW_TOKEN]", "FILE")
@@ -105,7 +105,7 @@ def send(
 ) -> int:
     """Send runs to a server (`ballscrew serve`): none is lost, and none counts twice.
 
-    Each run is copied into a spool on the disk, sent with repetitions, and removed from the spool when the
+    Each run is copied into a spool on the disk, sent with retries, and removed from the spool when the
     server has it. Your files stay as they are. The same run may be sent any number of times.
 
     What the server refuses is in `rejected` of the spool, with its answer. Exit status 75: something is still

@@ -46,7 +46,7 @@ def serve(
     support_bundle: Annotated[
         Path | None,
         option(
-            "Write versions, settings, counts and the log for a report of a fault, and stop. [default: none]",
+            "Write versions, settings, counts and the log for a fault report, and stop. [default: none]",
             "FILE.zip",
         ),
     ] = None,
@@ -56,7 +56,7 @@ def serve(
     ] = False,
     as_json: Annotated[bool, flag("With --check, print the settings as JSON.", "--json")] = False,
 ) -> int:
-    """Serve a store over HTTP: receive runs, analyse them, assess the axes, answer.
+    """Serve a store over HTTP: receive and analyse runs, assess axes, answer queries.
 
     Without any option, at http://127.0.0.1:8000 for this computer alone. Ctrl-C stops it. With `--demo`, a
     plant is simulated first, in about a minute; `--data` is then a new folder, or the one of an earlier demo.
@@ -79,13 +79,13 @@ def serve(
 def create(
     data: DataOption = None,
     machine: Annotated[
-        str | None, option("Of a machine, which may only send runs of its axes.", "NAME")
+        str | None, option("For a machine: send and show only its axes' runs.", "NAME")
     ] = None,
     read_only: Annotated[
-        str | None, option("Of a program that only reads, such as a dashboard, by its name.", "NAME")
+        str | None, option("For a program that only reads, such as a dashboard, by its name.", "NAME")
     ] = None,
     role: Annotated[
-        str | None, option("Of a program with a role: viewer, maintainer or admin.", "ROLE")
+        str | None, option("For a program with a role: viewer, maintainer or admin.", "ROLE")
     ] = None,
     admin: Annotated[bool, flag("The same as --role admin: may do everything.", "--admin")] = False,
     name: Annotated[str, option("What it is for.", "NAME")] = "",

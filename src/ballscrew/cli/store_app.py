@@ -57,7 +57,7 @@ def add(
 ) -> int:
     """Add runs, models, events and data sheets; the same content counts once.
 
-    RUN.toml is analysed, and its raw files are stored; of RUN.json the result alone is stored.
+    RUN.toml is analysed, and its raw files are stored; of RUN.json only the result is stored.
     """
     from ballscrew.cli.store import add_files, open_store
 
@@ -82,7 +82,7 @@ def show(
     store: StoreFolder = None,
     as_json: Json = False,
 ) -> int:
-    """Show an axis, or what the numbers of a run come from.
+    """Show an axis, or the provenance of a run's numbers.
 
     Of an axis: its runs and their states, alarms, events, exclusions, corrections and conflicts. Of a run:
     its recordings by their hashes, their readers, documents, settings, method and versions.
@@ -221,7 +221,7 @@ def gc(
     dry_run: Annotated[bool, flag("List the files only.", "--dry-run")] = False,
     as_json: Json = False,
 ) -> int:
-    """Remove files that no row refers to: of additions that were interrupted, and archived ones."""
+    """Remove files that no row refers to: from interrupted additions, and archived ones."""
     from ballscrew.cli.store import gc_store, open_store
 
     return gc_store(open_store(store), dry_run=dry_run, as_json=as_json)
@@ -268,7 +268,7 @@ def simulate_fleet(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> int:
-    """Add the rows of a synthetic fleet to a store for tests of size; nothing is analysed."""
+    """Add the rows of a synthetic fleet to a store for scale tests; nothing is analysed."""
     from ballscrew.cli.store import open_store, simulate_fleet_store
 
     return simulate_fleet_store(
@@ -292,7 +292,7 @@ def reprocess(
     scheduler: Annotated[
         str | None,
         option(
-            "Dask scheduler whose workers analyse instead; on another computer, with TLS. [default: none]",
+            "Dask scheduler whose workers analyse instead; TLS if on another computer. [default: none]",
             "tcp://127.0.0.1:PORT",
         ),
     ] = None,
@@ -303,7 +303,7 @@ def reprocess(
 ) -> int:
     """Analyse stored raw files by this version, and show how the results differ from the old ones.
 
-    The new results are stored beside the old; the history changes with --switch alone.
+    The new results are stored beside the old; the history changes only with --switch.
     """
     from ballscrew.cli.store import open_store, reprocess_store
 

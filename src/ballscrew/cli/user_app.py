@@ -23,11 +23,11 @@ user = typer.Typer(
 )
 
 
-@user.command(cls=Command, epilog="Example: ballscrew user add anna --role maintainer")
+@user.command(cls=Command, epilog="Example: ballscrew user add anna --role admin")
 def add(
     name: NameArgument,
     role: Annotated[
-        str, option("What the user may do: viewer, maintainer or admin; the first one is admin.", "ROLE")
+        str, option("What the user may do: viewer, maintainer or admin; the first must be admin.", "ROLE")
     ] = "viewer",
     data: DataOption = None,
     as_json: Json = False,
@@ -82,7 +82,7 @@ def disable(
     data: DataOption = None,
     as_json: Json = False,
 ) -> int:
-    """Disable a user, whose sessions and links end."""
+    """Disable a user, whose sessions and links expire."""
     from ballscrew.service.users import disable_user
 
     disable_user(open_store(data), name, undo=undo)
@@ -92,7 +92,7 @@ def disable(
 
 @user.command(cls=Command, epilog="Example: ballscrew user link anna")
 def link(name: NameArgument, data: DataOption = None, as_json: Json = False) -> int:
-    """Print a new link for a user, such as one who forgot the password; earlier links end."""
+    """Print a new link for a user, such as one who forgot the password; earlier links expire."""
     from ballscrew.service.users import new_link
 
     address = _address(data)
