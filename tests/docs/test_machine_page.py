@@ -84,8 +84,8 @@ def test_the_days_of_the_wear_law(text: str) -> None:
     assert_on_page(
         text,
         f"1 Hz lower on day {first:.0f}, 5 Hz on day {five:.0f} and 10 Hz on day {ten:.0f}",
-        f"At the paper's final 0.4 µm, backlash shows on day {last:.0f}",
-        "shows eleven weeks earlier",
+        f"Backlash reaches the paper's final 0.4 µm on day {last:.0f}",
+        "shows the wear eleven weeks earlier",
         f"here {1e6 * depth:.1f} µm",
         f"Half of the preload is gone on day {half:.0f}",
         f"The frequency is 5 Hz lower on day {np.interp(5, dashed, days[remaining]):.0f}",

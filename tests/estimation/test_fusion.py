@@ -89,6 +89,9 @@ def test_a_column_that_is_a_multiple_of_another_changes_no_misfit() -> None:
     alone = misfit(residual, nut, covariance, floor)
     both = misfit(residual, np.hstack([nut, 0.3 * nut]), covariance, floor)
     np.testing.assert_allclose(both, alone, rtol=1e-9)
+    other = np.hstack([nut, x[:, None]])
+    small = misfit(residual, np.hstack([nut, 1e-10 * x[:, None]]), covariance, floor)
+    np.testing.assert_allclose(small, misfit(residual, other, covariance, floor), rtol=1e-6)
     assert misfit(residual, nut[:, :0], covariance, floor)[1] > alone[1]
 
 

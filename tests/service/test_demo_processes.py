@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -33,8 +34,10 @@ def test_an_interrupt_ends_the_processes() -> None:
                 time.sleep(0.01)
             raise KeyboardInterrupt
 
+    handler = signal.getsignal(signal.SIGTERM)
     with pytest.raises(KeyboardInterrupt):
         interrupt()
+    assert signal.getsignal(signal.SIGTERM) is handler
     assert begun[0] not in {process.pid for process in multiprocessing.active_children()}
 
 

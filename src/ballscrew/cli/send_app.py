@@ -71,8 +71,8 @@ def send(
     timeout: Annotated[
         float,
         option(
-            "With --watch: time without additions after which a run is incomplete or, without --trips, "
-            "complete, s.",
+            "With --watch: seconds without new files after which a run counts as incomplete (without "
+            "--trips: as complete).",
             "SECONDS",
             min=0,
         ),

@@ -223,7 +223,9 @@ def misfit(residual: Array, fitted: Array, covariance: Array, floor: Array) -> t
     """
     root = np.linalg.cholesky(covariance + np.diag(floor**2))
     white = np.linalg.solve(root, residual)
-    vectors, sizes, _ = np.linalg.svd(np.linalg.solve(root, fitted), full_matrices=False)
+    columns = np.linalg.solve(root, fitted)
+    lengths = np.linalg.norm(columns, axis=0)
+    vectors, sizes, _ = np.linalg.svd(columns / np.where(lengths > 0, lengths, 1.0), full_matrices=False)
     basis = vectors[:, sizes > _SAME_COLUMN * sizes.max(initial=0.0)]
     projector = np.eye(len(residual)) - basis @ basis.T
     white_covariance = np.linalg.solve(root, np.linalg.solve(root, covariance).T)

@@ -66,7 +66,7 @@ def inflate_uncertainty(
 def with_misfit_of(fused: FusedChange, other: FusedChange) -> FusedChange:
     """A change with the misfit term of another change of the same run, relative to u."""
     for name in (LOCAL, GRADIENT, UNEXPLAINED):
-        if name in other.terms:
+        if name in other.terms and other.u > 0:
             fused = _with_term(fused, name, other.terms[name][0] * fused.u / other.u)
     return fused
 

@@ -47,7 +47,7 @@ class MassCheck:
     ----------
     decision : {"declared", "corrected", "torque", "undecided", "unknown"}
         In this order: the declared load stands; it is corrected; it stands, since the torque constant has
-        drifted; undecided; not checked, since a run has no equivalent mass.
+        drifted or is declared as not trusted; undecided; not checked, since a run has no equivalent mass.
     change : Quantity or None
         Of the equivalent mass since the baseline beyond the declared change of the load, kg.
     correction : float

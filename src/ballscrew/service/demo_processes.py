@@ -5,11 +5,11 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from importlib import import_module
-from threading import Thread
 
 _PROCESSES = 2
 
@@ -33,10 +33,22 @@ def demo_processes(*, early: bool = False) -> Iterator[ProcessPoolExecutor]:
         handler = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a process that begins ignores it too
         pool.submit(_import_all)
         signal.signal(signal.SIGINT, handler)
-    handler = signal.signal(signal.SIGTERM, signal.default_int_handler)  # temporary folders are removed
-    with shut_down(pool):
+    with _interrupted_by_termination(), shut_down(pool):
         yield pool
-    signal.signal(signal.SIGTERM, handler)
+
+
+@contextmanager
+def _interrupted_by_termination() -> Iterator[None]:
+    """Let SIGTERM interrupt the process like Ctrl-C, so that temporary folders are removed."""
+    before = signal.getsignal(signal.SIGTERM)
+    if threading.current_thread() is not threading.main_thread() or before is None:
+        yield
+        return
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager
@@ -57,7 +69,7 @@ def _begin_process() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "nice"):
         os.nice(5)
-    Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:

@@ -12,10 +12,12 @@ from ballscrew.axis.hertz import RELEASE
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.modal.cell import TransientRow
+from ballscrew.modal.joint import identify
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.result import JointResult
+from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.signals import TripSignals
-from ballscrew.testbed.example import LOAD
+from ballscrew.testbed.example import AXIS, LOAD
 from ballscrew.testbed.trip import Rig
 
 
@@ -183,6 +185,7 @@ def test_noise_is_refused_and_says_why(run: SmallRun, sheet: DataSheet) -> None:
     ("change", "said"),
     [
         ({"force": np.full(10, np.nan)}, "no numbers"),
+        ({"motor": np.append(np.zeros(9), np.nan)}, "no numbers"),
         ({"position": np.zeros(10)}, "does not move"),
     ],
 )
@@ -194,10 +197,21 @@ def test_a_record_that_cannot_be_used_is_refused(change: dict[str, np.ndarray], 
     assert result.cells[0].verdict == "refused"
 
 
+@pytest.mark.parametrize(("frequency", "reason"), [(150.0, None), (450.0, "low-rate"), (600.0, "no-mode")])
+def test_a_mode_beyond_the_range_asks_for_no_higher_rate(frequency: float, reason: str | None) -> None:
+    """The recording may have that rate: without a data sheet it was reduced for the range."""
+    found = identify._too_fast(4000.0, frequency, None, JointSettings())
+    assert reason == (found and found.kind)
+    with_sheet = identify._too_fast(4000.0, frequency, AXIS, JointSettings())
+    assert (with_sheet and with_sheet.kind) == (None if frequency < 400 else "low-rate")
+
+
 def test_what_does_not_fit_together_is_an_error() -> None:
     trip = TripSignals(1000.0, np.zeros(10), np.arange(10.0), np.empty((0, 10)))
     with pytest.raises(InputError, match="no accelerometer"):
         identify_jointly([trip], [], response="nut")
+    with pytest.raises(InputError, match="different lengths"):
+        identify_jointly([replace(trip, motor=np.zeros(9))], [])
     with pytest.raises(InputError, match="not among the 1"):
         identify_jointly([trip], [TransientRow(3, 0.0, 0.1, 0.0, "PA", 0, 1)])
     with pytest.raises(InputError, match="must be one of"):

@@ -15,6 +15,17 @@ from ballscrew.modal.joint.parameters import Parameter, read_parameter
 PARAMETERS: list[Parameter] = [("power", None), *((f, k) for k in (0, 1) for f in ("compliance", "slope"))]
 
 
+def test_a_block_that_depends_on_no_parameter_adds_nothing(run: SmallRun, blocks: list[Block]) -> None:
+    middle = float(np.mean(list(run.free.values())))
+    mode = AxialMode(compliance_of(middle), 0.3, 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03)
+    only: list[Parameter] = [("compliance", 0)]
+    solved, values = [project(b, mode) for b in blocks[:2]], np.array([read_parameter(mode, "compliance")])
+    first = normal_equations(blocks[:1], (mode,), solved[:1], (1.0,), only, values)
+    both = normal_equations(blocks[:2], (mode, mode), solved, (1.0, 1.0), only, values)
+    np.testing.assert_array_equal(both[0], first[0])
+    np.testing.assert_array_equal(both[1], first[1])
+
+
 @pytest.mark.parametrize("local", [False, True])
 def test_normal_equations_are_the_products_of_the_jacobian(
     run: SmallRun, blocks: list[Block], local: bool

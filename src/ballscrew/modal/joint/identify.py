@@ -95,15 +95,32 @@ def identify_jointly(
         if isinstance(found, Reason):
             return refused_run(transients, found)
         centre = found.fit.modes[0].centre
-        refusal = too_slow(trips[0].rate, centre, settings)
+        refusal = _too_fast(trips[0].rate, centre, sheet, settings)
         if refusal is not None:
             return refused_run(transients, refusal)
         if sheet is not None or FREQUENCY_SCALES[0] < centre / initial.rotor_free < FREQUENCY_SCALES[-1]:
             return joint_result(found, transients, settings, rounding)
         # Found at the edge of the frequencies tried: the band may have excluded a better mode.
         initial = _initial_values_around(centre)
+    return refused_run(transients, _no_mode(settings))
+
+
+def _no_mode(settings: JointSettings) -> Reason:
     text = f"no mode was found near {settings.lowest:g} to {settings.highest:g} Hz"
-    return refused_run(transients, Reason("no-mode", text))
+    return Reason("no-mode", text)
+
+
+def _too_fast(
+    rate: float, frequency: float, sheet: DataSheet | None, settings: JointSettings
+) -> Reason | None:
+    """Reason to refuse a mode that was found at a rate too low for it.
+
+    Without a data sheet the recordings were reduced for modes up to ``highest``: one beyond is not sought.
+    """
+    refusal = too_slow(rate, frequency, settings)
+    if refusal is not None and sheet is None and frequency > settings.highest:
+        return _no_mode(settings)
+    return refusal
 
 
 def _search_around(

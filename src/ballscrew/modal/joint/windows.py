@@ -240,7 +240,7 @@ def _concatenate(rate: float, band: Band, middle: float, windows: Sequence[CellW
 
 
 def subset(w: Windows) -> Windows:
-    """Every k-th window, 8 to 23 of them: enough for the first fits, in less time."""
+    """Every k-th window, at most 23 of them: enough for the first fits, in less time."""
     step = max(1, len(w.cells) // _LEAST_SUBSET)
     step += step % 2 == 0  # four conditions a stop: an even step would omit some
     return select_cells(w, range(0, len(w.cells), step))
