@@ -33,7 +33,6 @@ _REPEATING = (
 
 _CONTAINED = ("uncertain", "nearly-unloaded", "ripple")  # reasons that the uncertainty of a cell contains
 
-
 _FINITE = number(-_LARGEST, _LARGEST)
 _POSITIVE = number(_LEAST_POSITIVE, _LARGEST)
 _NOT_NEGATIVE = number(0.0, _LARGEST)

@@ -132,7 +132,7 @@ def test_products_are_those_of_signals_without_their_parts_along_the_columns(blo
     without = solved.without_columns(values)
     assert np.abs(solved.columns.T @ without).max() < 1e-6 * np.abs(solved.columns.T @ values).max()
     expected = without.T @ without
-    np.testing.assert_allclose(solved.products(values), expected, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(solved.products(values, 4), expected, atol=1e-6 * np.abs(expected).max())
 
 
 def test_columns_that_are_alike_count_once() -> None:

@@ -120,5 +120,5 @@ def _explained(block: Block, mode: AxialMode, solved: Projection, forces: Array)
     """Power of the residual that forces explain."""
     b = replace(make_block(block.name, block.windows, ripple=forces), counted=block.counted)
     columns = whiten(b, ripple_columns(b, mode), solved.free)
-    to_basis = orthonormaliser(solved.products(columns), _RANK_TOLERANCE)
+    to_basis = orthonormaliser(solved.products(columns, columns.shape[1]), _RANK_TOLERANCE)
     return float(np.sum((to_basis.T @ (columns.T @ solved.residual)) ** 2))

@@ -24,7 +24,7 @@ from ballscrew.modal.joint.windows import Windows
 ROTOR_FREE, ROTOR_HELD = 0, 1
 """Indices of the two modes: rotor free, and rotor held."""
 _RANK_TOLERANCE = 1e-4  # of the columns' largest singular value: directions with less are not determined
-_ROUNDING = 1e-13  # of the target's power: smaller differences of powers are rounding
+_ROUNDING = 1e-13  # of a power: smaller differences of powers are rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,18 +128,22 @@ class Projection:
         """Part of the power of the target that is not explained."""
         return float(np.sum(self.residual**2)) / max(self.total, 1e-300)
 
-    def along_columns(self, values: Array) -> Array:
-        """Whitened signals, shape (n, k), in the orthonormal basis of the columns, shape (rank, k)."""
-        return self.to_basis.T @ (self.columns.T @ values)
-
     def without_columns(self, values: Array) -> Array:
         """Whitened signals, shape (n, k), without what the columns explain of them."""
-        return values - self.columns @ (self.to_basis @ self.along_columns(values))
+        return values - self.columns @ (self.to_basis @ self._along_columns(values))
 
-    def products(self, values: Array) -> Array:
-        """AᵀA of :meth:`without_columns`, in less time: shape (k, k)."""
-        along = self.along_columns(values)
-        return values.T @ values - along.T @ along
+    def products(self, values: Array, count: int) -> Array:
+        """AᵀA of :meth:`without_columns`, shape (count, count), in less time.
+
+        ``values`` have the shape (n, responses * count); A has a row for each sample and response.
+        """
+        along = self._along_columns(values).reshape(-1, count)
+        values = values.reshape(-1, count)
+        whole = values.T @ values
+        return whole - along.T @ along + _ROUNDING * np.diag(np.diag(whole))  # no power is below 0
+
+    def _along_columns(self, values: Array) -> Array:
+        return self.to_basis.T @ (self.columns.T @ values)
 
 
 @dataclass(frozen=True, slots=True)

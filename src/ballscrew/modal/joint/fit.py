@@ -214,11 +214,11 @@ class _Problem:
     def linearised(self, state: _State) -> JointFit:
         """The fit at a state, with its Jacobian."""
         modes, solved = state.modes, state.solved
-        weights = [_weight(b, s) for b, s in zip(self.blocks, solved, strict=True)]
-        jacobian = _jacobian(self.blocks, modes, solved, self.parameters, state.values)
+        weights = _weights(self.blocks, solved)
+        jacobian = model_jacobian(self.blocks, modes, solved, weights, self.parameters, state.values)
         residual = tuple((s.residual * w).ravel() for s, w in zip(solved, weights, strict=True))
         hessian = sum((j.T @ j for j in jacobian), self.prior_rows.T @ self.prior_rows)
-        return JointFit(modes, self.blocks, solved, self.parameters, jacobian, residual, hessian)
+        return JointFit(modes, self.blocks, solved, self.parameters, tuple(jacobian), residual, hessian)
 
     def _damped_step(self, now: _State, damping: float) -> tuple[Array, list[Array], float, float] | None:
         """The first step that lowers the cost, with ever more damping; not across a limit of a parameter.
@@ -227,7 +227,7 @@ class _Problem:
         if no step lowers it.
         """
         values = now.values
-        weights = [_weight(b, s) for b, s in zip(self.blocks, now.solved, strict=True)]
+        weights = _weights(self.blocks, now.solved)
         powers = [float(np.sum((s.residual * w) ** 2)) for s, w in zip(now.solved, weights, strict=True)]
         cost = self._cost(powers, values)
         hessian, descent = normal_equations(
@@ -280,26 +280,14 @@ def with_local_parameters(found: JointFit, modes: Modes, names: Sequence[str]) -
         At the same values, with the local compliances among its parameters and without priors.
     """
     parameters = (*found.parameters, *((name, None) for name in names))
-    local = _jacobian(
-        found.blocks, modes, found.solved, [(name, None) for name in names], np.zeros(len(names))
-    )
+    weights, own = _weights(found.blocks, found.solved), [(name, None) for name in names]
+    local = model_jacobian(found.blocks, modes, found.solved, weights, own, np.zeros(len(names)))
     jacobian = [np.column_stack(pair) for pair in zip(found.jacobian, local, strict=True)]
     hessian = np.asarray(sum(j.T @ j for j in jacobian))
     return replace(found, modes=modes, parameters=parameters, jacobian=tuple(jacobian), hessian=hessian)
 
 
-def _weight(b: Block, solved: Projection) -> float:
-    """Weight of a block: one over the rms of its residual."""
-    return 1 / max(math.sqrt(b.mean_square(solved.residual)), _LEAST_RMS)
-
-
-def _jacobian(
-    blocks: Sequence[Block],
-    modes: Modes,
-    solved: Sequence[Projection],
-    parameters: Sequence[Parameter],
-    values: Array,
-) -> tuple[Array, ...]:
-    """Weighted derivatives of the models."""
-    weights = [_weight(b, s) for b, s in zip(blocks, solved, strict=True)]
-    return tuple(model_jacobian(blocks, modes, solved, weights, parameters, values))
+def _weights(blocks: Sequence[Block], solved: Sequence[Projection]) -> list[float]:
+    """Weight of each block: one over the rms of its residual."""
+    mean_squares = [b.mean_square(s.residual) for b, s in zip(blocks, solved, strict=True)]
+    return [1 / max(math.sqrt(mean_square), _LEAST_RMS) for mean_square in mean_squares]

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.trace import SAMPLES_PER_PERIOD
 from ballscrew.modal.cell import TransientRow
@@ -77,7 +76,7 @@ def identify_jointly(
     if not transients:
         return JointResult((), (Reason("measurement", "no acceleration phase was found"),))
     for number, trip in enumerate(trips, start=1):
-        if not all(np.isfinite(channel).all() for channel in _channels(trip)):
+        if not all(np.isfinite(channel).all() for channel in trip.channels):
             text = f"trip {number} has samples that are no numbers"
             return refused_run(transients, Reason("measurement", text))
     low, high = position_range(trips)
@@ -169,14 +168,6 @@ def _block_names(trips: Sequence[TripSignals], response: Response) -> tuple[str,
     return names
 
 
-def _channels(trip: TripSignals) -> list[Array]:
-    """All signals of a trip."""
-    channels = [trip.force, trip.position, *trip.response]
-    if trip.motor is not None:
-        channels.append(trip.motor)
-    return channels
-
-
 def _check(trips: Sequence[TripSignals], transients: Sequence[TransientRow], response: str) -> None:
     """Refuse trips and transients that do not belong together."""
     if response not in RESPONSES:
@@ -186,7 +177,7 @@ def _check(trips: Sequence[TripSignals], transients: Sequence[TransientRow], res
     if len({(trip.rate, len(trip.response)) for trip in trips}) > 1:
         raise InputError("the trips have different rates or accelerometers; a run has one set of channels.")
     for number, trip in enumerate(trips, start=1):
-        if len({len(channel) for channel in _channels(trip)}) > 1:
+        if len({len(channel) for channel in trip.channels}) > 1:
             raise InputError(f"trip {number} has channels of different lengths.")
     if any(not 0 <= transient.file < len(trips) for transient in transients):
         raise InputError(f"a transient belongs to a trip that is not among the {len(trips)}.")

@@ -21,7 +21,6 @@ from ballscrew.modal.joint.parameters import LOCAL, Modes, Parameter, modes_with
 _STEP = 1e-4  # of a parameter, for the difference quotients; other steps by field:
 _STEPS = {"slope": 1e-3, "curve": 1e-2, "mass_over_preload": 1e-2, "power": 1e-2}
 _LOCAL_STEP = 1e-3
-_ROUNDING = 1e-13  # of a derivative's power, that of a difference of two powers
 # No window reaches two stops that are three apart, so every third local compliance is varied in one
 # simulation: each window is affected by one of them only.
 _INTERLEAVED = 3
@@ -92,12 +91,9 @@ def normal_equations(
     for s, weight, (own, of_model) in zip(solved, weights, derivatives, strict=True):
         if not own:
             continue
-        along = s.along_columns(of_model).reshape(-1, len(own))
-        of_model = of_model.reshape(-1, len(own))
-        whole = of_model.T @ of_model
-        rounding = _ROUNDING * np.diag(np.diag(whole))  # a derivative along the columns is not below 0
-        hessian[np.ix_(own, own)] += weight**2 * (whole - along.T @ along + rounding)
-        descent[own] += weight**2 * (of_model.T @ s.residual.ravel())  # orthogonal to the columns
+        hessian[np.ix_(own, own)] += weight**2 * s.products(of_model, len(own))
+        # The residual is orthogonal to the columns.
+        descent[own] += weight**2 * (of_model.reshape(-1, len(own)).T @ s.residual.ravel())
     return hessian, descent
 
 

@@ -265,7 +265,10 @@ def select_orders(
     columns = whiten(b, ripple_columns(with_ripple, mode), solved.free)
     # Columns of one order: cosine and sine, in the band and through the mode.
     of_order = np.arange(columns.shape[1]).reshape(-1, count, 2).transpose(1, 0, 2).reshape(count, -1)
-    products, correlation = solved.products(columns), columns.T @ residual  # all that the selection needs
+    products, correlation = (
+        solved.products(columns, columns.shape[1]),
+        columns.T @ residual,
+    )  # all that the selection needs
     lowest = math.ceil(w.band.low * lead / float(np.abs(w.speed).max()))
     candidates = set(range(lowest, count + 1))
     found: list[int] = []

@@ -50,6 +50,14 @@ class TripSignals:
     name: str = ""
     motor: Array | None = None
 
+    @property
+    def channels(self) -> list[Array]:
+        """All signals: force, position, responses, and the motor's acceleration where there is one."""
+        channels = [self.force, self.position, *self.response]
+        if self.motor is not None:
+            channels.append(self.motor)
+        return channels
+
 
 def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
     """Decimate a recording.
@@ -105,10 +113,7 @@ def decimated(trip: TripSignals, rate: float) -> TripSignals:
     step = max(1, int(trip.rate / rate + 1e-9))
     if step == 1:
         return trip
-    channels = [trip.force, trip.position, *trip.response]
-    if trip.motor is not None:
-        channels.append(trip.motor)
-    rows = _decimator(step)(channels, 0, len(trip.force))
+    rows = _decimator(step)(trip.channels, 0, len(trip.force))
     motor = None if trip.motor is None else rows[-1]
     response = rows[2 : 2 + len(trip.response)]
     return TripSignals(trip.rate / step, rows[0], rows[1], response, trip.rounding, trip.name, motor)
