@@ -12,7 +12,7 @@ from tests.modal.joint.test_ripple import first_fit
 from ballscrew.modal.joint.blocks import make_block
 from ballscrew.modal.joint.fit import JointFit, fit_blocks
 from ballscrew.modal.joint.mode import mode_frequency
-from ballscrew.modal.joint.uncertainty import response_difference
+from ballscrew.modal.joint.uncertainty import response_difference, tie_slopes
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +70,22 @@ def test_errors_that_both_responses_share_cancel(both: JointFit) -> None:
 
 def test_one_response_has_no_difference(both: JointFit) -> None:
     assert response_difference(replace(both, blocks=both.blocks[:1])) is None
+
+
+def test_tied_slopes_are_nearer_and_what_both_modes_share_stays(run: SmallRun) -> None:
+    """A common parameter is not changed, so its covariance is not either."""
+    found, _ = first_fit(run)
+    fields = ("compliance", "slope", "power")
+    fit = fit_blocks([make_block(name, found.blocks[0].windows) for name in ("torque-nut", "motor-nut")],
+                     (found.modes[0],) * 2, fields)  # fmt: skip
+    none = np.zeros((len(fit.parameters),) * 2)
+    loose, tied = (tie_slopes(fit, none, deviation, 0.3) for deviation in (1e6, 1e-6))
+    assert tied.modes[0].slope == pytest.approx(tied.modes[1].slope, rel=1e-3)
+    assert abs(fit.modes[0].slope - fit.modes[1].slope) > 1e-3 * abs(tied.modes[0].slope)
+    shared = fit.parameters.index(("power", None))
+    for part in ("noise", "conditions"):
+        before, after = getattr(loose, part), getattr(tied, part)
+        assert before[shared, shared] > 0
+        assert after[shared, shared] == pytest.approx(before[shared, shared], rel=1e-9)
+        slope = fit.parameters.index(("slope", 0))
+        assert after[slope, slope] < before[slope, slope]

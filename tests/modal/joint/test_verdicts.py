@@ -14,9 +14,18 @@ from ballscrew.modal.joint.frequencies import CellFrequencies
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.profile import Profile
 from ballscrew.modal.joint.search import SearchResult
-from ballscrew.modal.joint.verdicts import _other_nut, _responses_differ
+from ballscrew.modal.joint.settings import JointSettings
+from ballscrew.modal.joint.verdicts import _other_nut, _reason_of_worst_cell, _responses_differ
 
 MODE = AxialMode(1e-6, 1.0, 0.0, 0.03, 0.1, 0.5, 0.1, 300.0, 0.03)
+
+
+@pytest.mark.parametrize(("load", "uncertainty", "kind"), [(3.0, 5.0, "uncertain"), (10.0, 2.5, "unloaded")])
+def test_a_run_is_refused_for_what_exceeds_its_limit_most(load: float, uncertainty: float, kind: str) -> None:
+    frequencies = SimpleNamespace(
+        nut_load=np.array([1.0, load]), uncertainty=np.array([0.1, uncertainty]), free=np.full(2, 100.0)
+    )
+    assert _reason_of_worst_cell(cast(CellFrequencies, frequencies), JointSettings()).kind == kind
 
 
 @pytest.mark.parametrize(

@@ -132,11 +132,7 @@ def joint_result(
     overloaded = frequencies.nut_load > settings.most_load
     refused = uncertain | overloaded
     if np.mean(refused) > 0.5:
-        by_load = frequencies.nut_load / settings.most_load
-        by_uncertainty = relative_uncertainty / settings.most_uncertainty
-        worst = int(np.argmax(np.maximum(by_load, by_uncertainty)))
-        reasons = _cell_reasons(frequencies, worst, settings)  # that of the load first
-        refusal = differing or reasons[0 if by_load[worst] >= by_uncertainty[worst] else -1]
+        refusal = differing or _reason_of_worst_cell(frequencies, settings)
         result = refused_run(transients, refusal, found.ripple)
         loads = dict(zip(w.cells, frequencies.nut_load.tolist(), strict=True))
         cells = [replace(cell, nut_load_over_preload=loads.get(cell.key)) for cell in result.cells]
@@ -244,6 +240,15 @@ def _cell_reasons(frequencies: CellFrequencies, cell: int, settings: JointSettin
     elif u > _SUSPECT_UNCERTAINTY * f:
         reasons.append(large_uncertainty(u, _SUSPECT_UNCERTAINTY))
     return reasons
+
+
+def _reason_of_worst_cell(frequencies: CellFrequencies, settings: JointSettings) -> Reason:
+    """Reason to refuse the cell that exceeds a limit most."""
+    by_load = frequencies.nut_load / settings.most_load
+    by_uncertainty = frequencies.uncertainty / frequencies.free / settings.most_uncertainty
+    worst = int(np.argmax(np.maximum(by_load, by_uncertainty)))
+    reasons = _cell_reasons(frequencies, worst, settings)  # that of the load first
+    return reasons[0 if by_load[worst] >= by_uncertainty[worst] else -1]
 
 
 def _run_reasons(found: SearchResult, frequencies: CellFrequencies) -> list[Reason]:
