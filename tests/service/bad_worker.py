@@ -1,9 +1,10 @@
-"""A worker that dies at its first job, takes too long for its second, and does the third."""
+"""Workers that die at a job, take too long for it, or do it in no time."""
 
 from __future__ import annotations
 
 import json
 import os
+import pickle
 import time
 from pathlib import Path
 from typing import Any
@@ -30,3 +31,16 @@ def end_at_once(pipe: Any, scratch: str) -> None:  # noqa: ARG001
     pipe.send(("ready", None))
     pipe.poll(None)
     os._exit(9)
+
+
+def never_end(pipe: Any, scratch: str) -> None:  # noqa: ARG001
+    pipe.send(("ready", None))
+    time.sleep(600)
+
+
+def give_result(pipe: Any, scratch: str) -> None:
+    """Do each job in no time, until the pipe is closed."""
+    pipe.send(("ready", None))
+    result = json.loads((Path(scratch).parents[1] / "result.json").read_text())
+    while pipe.poll(None) and pipe.recv_bytes() != pickle.dumps(None):
+        pipe.send(("done", result))

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import logging
+import multiprocessing
+import signal
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,17 +15,30 @@ from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
-from tests.service.bad_worker import end_at_once, misbehave
-from tests.service.conftest import FILES, SETUP, NewService, client_of, send, wait_for, work_off
+from sqlalchemy import select
+from tests.service.bad_worker import end_at_once, give_result, misbehave, never_end
+from tests.service.conftest import (
+    FILES,
+    SETUP,
+    NewService,
+    client_of,
+    send,
+    send_result,
+    wait_for,
+    work_off,
+)
+from tests.service.pages.forms import fill_axis
 from tests.store.stored import RUNS, count, imitate_analysis, write_recordings
 
 from ballscrew.base.errors import InterruptedReadError
-from ballscrew.service.jobs import fail_job, lease_job, release_jobs
+from ballscrew.service import jobs, working
+from ballscrew.service.jobs import ASSESS, Lease, enqueue, fail_job, lease_job, release_jobs
+from ballscrew.service.runs import REFUSED
 from ballscrew.service.serving import RefusedError, Service
-from ballscrew.service.working import Worker, do_task, finish, task_of
+from ballscrew.service.working import AssessmentTask, Worker, do_task, finish, task_of, work
 from ballscrew.store.adding import add
-from ballscrew.store.service_tables import JobRow
-from ballscrew.store.tables import ResultRow, RunRow
+from ballscrew.store.service_tables import JobRow, Upload
+from ballscrew.store.tables import Assessment, ResultRow, RunRow
 
 OTHER = {"a.h5": b"another", "b.h5": b"run"}
 SECOND = "/api/v1/axes/bench/runs/r2"
@@ -39,6 +56,34 @@ def worker(service: Service, target: Callable[..., None]) -> Iterator[Worker]:
         service.announce()
         started.thread.join(600)
         assert not started.thread.is_alive()
+
+
+@pytest.fixture
+def own_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """What the main function of a worker changes in its process is changed back."""
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    former = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, former)
+
+
+def leased(service: Service) -> Lease:
+    """The next job."""
+    lease = lease_job(service)
+    assert lease is not None
+    return lease
+
+
+def write_result(service: Service) -> None:
+    """Write the result that :func:`give_result` sends."""
+    (service.store.path / "result.json").write_text(json.dumps([RUNS[0].to_json(), []]))
+
+
+def drop_uploads(service: Service) -> None:
+    """Leave no run that waits, as after its refusal."""
+    with service.store.write("test") as session:
+        for row in session.scalars(select(Upload)):
+            row.status = REFUSED
 
 
 def status_of(client: TestClient, key: str) -> str:
@@ -273,3 +318,161 @@ def test_recordings_of_store_add_are_not_analysed_again(
     assert (answer.status_code, answer.json()["result"]) == (200, run)
     assert count(service.store, JobRow) == 0
     assert FILES
+
+
+@pytest.mark.usefixtures("own_process")
+def test_a_worker_does_tasks_until_its_pipe_says_no_more(service: Service, tmp_path: Path) -> None:
+    """Its temporary files are in the folder that the service clears; the service answers Ctrl-C."""
+    pipe, other = multiprocessing.Pipe()
+    for task in (AssessmentTask(str(service.store.path), "none"), None):
+        pipe.send(task)
+    work(other, str(tmp_path / "scratch" / "0"))
+    assert pipe.recv() == ("ready", None)
+    status, sentence = pipe.recv()
+    assert (status, "no axis 'none'" in sentence, pipe.poll()) == ("refused", True, False)
+    assert tempfile.gettempdir() == str(tmp_path / "scratch" / "0")
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+@pytest.mark.usefixtures("own_process")
+def test_a_worker_whose_service_has_gone_ends(tmp_path: Path) -> None:
+    pipe, other = multiprocessing.Pipe()
+    pipe.close()
+    work(other, str(tmp_path / "0"))
+    assert (tmp_path / "0").is_dir()
+
+
+def test_an_unexpected_error_of_a_task_fails_it_and_names_the_error(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(working, "compute_assessment", lambda *_: 1 / 0)
+    outcome = do_task(AssessmentTask(str(service.store.path), "bench"))
+    assert outcome == ("failed", "unexpected error (ZeroDivisionError: division by zero)")
+
+
+def test_a_job_that_is_running_when_the_server_stops_waits_for_the_next_without_an_attempt(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(working, "_STOP", 0.1)
+    send(client)
+    with worker(service, never_end) as started:
+        wait_for(lambda: started.is_ready)
+        wait_for(lambda: client.get("/api/v1/jobs").json()["jobs"][0]["status"] == "running")
+        process = started.process
+    (job,) = client.get("/api/v1/jobs").json()["jobs"]
+    assert (job["status"], job["attempts"], job["error"]) == ("queued", 0, None)
+    assert not process.is_alive()
+    assert leased(service).argument == job["argument"]
+
+
+@pytest.mark.parametrize(
+    ("error", "has_traceback"), [(RefusedError(503, "no disk."), False), (OSError, True)]
+)
+def test_a_worker_goes_on_after_an_error_of_the_store(
+    client: TestClient,
+    service: Service,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    error: Exception,
+    has_traceback: bool,
+) -> None:
+    """The log has a traceback of an error that was not foreseen only."""
+    errors = [error]
+
+    def lease(service: Service) -> Lease | None:
+        if errors:
+            raise errors.pop()
+        return lease_job(service)
+
+    monkeypatch.setattr(jobs, "lease_job", lease)
+    monkeypatch.setattr(working, "_IDLE", 0.01)
+    write_result(service)
+    send(client)
+    with caplog.at_level(logging.ERROR, "ballscrew.service"), worker(service, give_result):
+        wait_for(lambda: status_of(client, "r1") == "done")
+    (logged,) = caplog.records
+    assert logged.getMessage().startswith("worker 0: ")
+    assert bool(logged.exc_info) is has_traceback
+
+
+def test_a_job_whose_run_no_longer_waits_is_removed_and_the_next_is_done(
+    client: TestClient, service: Service
+) -> None:
+    write_result(service)
+    send(client)
+    drop_uploads(service)
+    send(client, SECOND, OTHER)
+    with worker(service, give_result):
+        wait_for(lambda: status_of(client, "r2") == "done")
+    assert (status_of(client, "r1"), count(service.store, JobRow)) == ("refused", 0)
+
+
+def test_a_job_that_another_worker_has_leased_meanwhile_is_not_removed(
+    client: TestClient, service: Service
+) -> None:
+    send(client)
+    now = time.time()
+    first = lease_job(service, lambda: now)
+    second = lease_job(service, lambda: now + service.settings.lease_s + 1)
+    assert first is not None
+    drop_uploads(service)
+    assert task_of(service, first) is None
+    assert count(service.store, JobRow) == 1
+    fail_job(service, first, "x")
+    (job,) = client.get("/api/v1/jobs").json()["jobs"]
+    assert (job["attempts"], job["status"]) == (0, "running")
+    assert second is not None
+    assert task_of(service, second) is None
+    assert count(service.store, JobRow) == 0
+
+
+def test_a_result_of_a_run_that_no_longer_waits_is_dropped(client: TestClient, service: Service) -> None:
+    send(client)
+    lease = leased(service)
+    drop_uploads(service)
+    assert finish(service, lease, "done", (RUNS[0].to_json(), []))
+    assert (count(service.store, JobRow), count(service.store, RunRow)) == (0, 0)
+
+
+def test_an_assessment_during_which_a_run_came_is_made_again(client: TestClient, service: Service) -> None:
+    fill_axis(client, service, 4)
+    with service.store.write("test") as session:
+        enqueue(session, ASSESS, "bench")
+    lease = leased(service)
+    task = task_of(service, lease)
+    assert task is not None
+    outcome = do_task(task)
+    stored = count(service.store, Assessment)
+    send_result(client, 4)
+    assert finish(service, lease, *outcome)
+    assert count(service.store, Assessment) == stored
+    assert leased(service).kind == ASSESS
+    assert outcome[0] == "done"
+
+
+def test_a_job_that_waits_is_not_added_again(client: TestClient, service: Service) -> None:
+    """Its attempts are counted on."""
+    send(client)
+    lease = leased(service)
+    fail_job(service, lease, "x")
+    with service.store.write("test") as session:
+        enqueue(session, lease.kind, lease.argument)
+    (job,) = client.get("/api/v1/jobs").json()["jobs"]
+    assert (job["attempts"], job["error"]) == (1, "x")
+
+
+def test_a_job_that_another_worker_takes_first_is_not_leased_again(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between the look and the lease."""
+    send(client)
+    write, found, now = service.store.write, [], time.time()
+
+    def write_later(*given: str) -> object:
+        monkeypatch.setattr(service.store, "write", write)
+        found.append(lease_job(service, lambda: now))
+        return write(*given)
+
+    monkeypatch.setattr(service.store, "write", write_later)
+    assert lease_job(service, lambda: now) is None
+    assert found[0] is not None
