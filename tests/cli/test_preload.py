@@ -2,16 +2,21 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from tests.estimation.made_runs import calibrated, run_of
+from tests.monitoring.histories import unloading
 
+from ballscrew.axis.hertz import RELEASE
 from ballscrew.base.jsonfile import write_json
+from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.modelfile import write_model
+from ballscrew.modal.run import Run
 from ballscrew.recording.quality.finding import Quality
 
 
@@ -230,3 +235,76 @@ def test_the_table_of_several_runs(ballscrew, folder: Path, tmp_path: Path) -> N
     assert (wrong.status, wrong.err.count("\n")) == (2, 1)
     assert "ends with .csv or .parquet" in wrong.err
     assert ballscrew(*common, folder / "base.json").status == 2
+
+
+def written(run: Run, path: Path) -> Path:
+    path.write_text(write_json(run.to_json()), encoding="utf-8")
+    return path
+
+
+def test_verbose_prints_the_uncertainty_the_checks_and_the_possible_causes(ballscrew, folder: Path) -> None:
+    common = ("preload", folder / "worn.json", "--model", folder / "model.json")
+    against = (*common, "--baseline", folder / "base.json")
+    document = ballscrew(*against, "--json").document
+    flat = " ".join(ballscrew(*against, "--verbose").out.split())
+    parts, fit = document["parts"], document["fit"]
+    random, systematic = parts["relative"]["random"], parts["relative"]["systematic"]
+    assert f"{random:.3f} is random (differs in every run), {systematic:.3f} is systematic:" in flat
+    largest = parts["terms"][0]
+    assert f"systematic: {largest['standard_uncertainty']:.3f} {largest['name']}" in flat
+    assert f"χ² {fit['chi2']:.1f}, expected {fit['degrees_of_freedom']:.1f}" in flat
+    assert f"Along the axis: {document['profile']['text']}" in flat
+    assert f"Load: {document['mass']['text']}" in flat
+    assert "Nut or bearing" not in flat  # nothing separates them
+    assert "Possible causes of the change" in flat
+    for cause in document["causes"]:
+        assert re.search(rf"│ {cause['cause']} │ {cause['probability']:.2f} │ {cause['chi2']:.1f} │", flat)
+    assert "• the temperature of the axis was not recorded" in flat
+    assert "--verbose" not in flat
+    alone = ballscrew(*common, "--verbose").out
+    assert "Along the axis" in alone
+    assert "Load: " not in alone  # nothing to compare the masses with
+
+
+def test_verbose_separates_nut_and_bearing_by_the_softening_of_the_nut(
+    ballscrew, folder: Path, tmp_path: Path
+) -> None:
+    paths = []
+    for name, ratio in (("base", 1.0), ("worn", 0.6)):
+        softening = Quantity(132.0 / (600.0 * ratio), 0.005, "kg/N")
+        run = run_of(ratio, name=name, mass_over_preload_kg_per_N=softening)
+        paths.append(written(run, tmp_path / f"{name}.json"))
+    common = ("--model", folder / "model.json", "--baseline", paths[0], "--verbose")
+    flat = " ".join(ballscrew("preload", paths[1], *common).out.split())
+    assert "Nut or bearing: nut 1.00, support bearing 0.00, both 0.00" in flat
+    assert "Corrected: " not in flat
+
+
+def test_verbose_names_the_correction_of_a_load_that_was_declared_wrong(
+    ballscrew, folder: Path, tmp_path: Path
+) -> None:
+    worn = written(run_of(0.6, true_load=106.0), tmp_path / "worn.json")
+    common = ("--model", folder / "model.json", "--baseline", folder / "base.json", "--verbose")
+    assert "Corrected: load: +6.00 kg\n" in ballscrew("preload", worn, *common).out
+
+
+def test_a_refused_run_has_no_parts_of_the_uncertainty(ballscrew, folder: Path) -> None:
+    outcome = ballscrew("preload", folder / "bad.json", "--model", folder / "model.json", "--verbose")
+    assert outcome.status == 1
+    assert "Standard uncertainty" not in outcome.out
+    assert "Possible causes" not in outcome.out
+
+
+def test_a_nut_that_the_test_unloads_is_printed_by_its_upper_limit_alone(
+    ballscrew, folder: Path, tmp_path: Path
+) -> None:
+    base = written(unloading(1.0, [run_of(name="base")])[0], tmp_path / "base.json")
+    worn = written(unloading(4.0, [run_of(0.2)])[0], tmp_path / "worn.json")
+    common = ("preload", worn, "--model", folder / "model.json", "--baseline", base)
+    limit = ballscrew(*common, "--json").document["relative_to_baseline"]["interval95"][1]
+    assert limit > 1 / RELEASE
+    printed = ballscrew(*common).out
+    first, *rest = printed.splitlines()
+    assert first.startswith(f"bench: below {100 * limit:.0f} % of the baseline preload, ")
+    assert f"  below {100 * limit:.0f} % of the baseline preload" in rest
+    assert " N, 95 %" not in printed

@@ -11,11 +11,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.store.stored import EVENTS, MODEL, RUNS
+from sqlalchemy import select
+from tests.monitoring.histories import at
+from tests.store.stored import EVENTS, MODEL, RUNS, imitate_analysis, write_recordings
 
 from ballscrew.base.errors import InputError
 from ballscrew.calibration.modelfile import write_model
 from ballscrew.cli.shell import run
+from ballscrew.report.stored_words import utc_minute
+from ballscrew.store import adding
+from ballscrew.store.opened import OpenStore
+from ballscrew.store.service_tables import Trouble
+from ballscrew.store.tables import AlarmRow, Axis
 
 pytestmark = pytest.mark.usefixtures("few_members")
 
@@ -52,6 +59,44 @@ def printed(capsys: pytest.CaptureFixture[str], *command: str) -> dict[str, obje
     assert run([*command, "--json"]) == 0
     document: dict[str, object] = json.loads(capsys.readouterr().out)
     return document
+
+
+@pytest.fixture(scope="module")
+def made_with_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a store that has six runs of a sound axis, with their raw files, and its model."""
+    folder = tmp_path_factory.mktemp("with files")
+    write_model(MODEL, folder / "model.json")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.chdir(folder)
+        patched.setenv("BALLSCREW_STORE", "plant")
+        imitate_analysis(patched)
+        assert run(["store", "init", "plant"]) == 0
+        files = [str(write_recordings(Path(f"day{day}"), 3.0 * day, files=1)) for day in range(6)]
+        assert run(["store", "add", *files, "model.json"]) == 0
+        assert run(["monitor", "bench"]) == 0
+    return folder
+
+
+@pytest.fixture
+def with_files(made_with_files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> OpenStore:
+    """A copy of that store, and an analysis that takes no time."""
+    shutil.copytree(made_with_files / "plant", tmp_path / "plant")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("BALLSCREW_STORE", "plant")
+    imitate_analysis(monkeypatch)
+    return OpenStore(tmp_path / "plant")
+
+
+def run_ids(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    """Ids of the runs of the axis, by time."""
+    return [row["run"] for row in printed(capsys, "store", "show", "bench")["runs"]]  # type: ignore[index,attr-defined]
+
+
+def words(capsys: pytest.CaptureFixture[str], *command: str, status: int = 0) -> str:
+    """What a command prints, on one line."""
+    capsys.readouterr()
+    assert run(command) == status
+    return " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.usefixtures("plant")
@@ -261,3 +306,113 @@ def test_without_a_store_there_is_a_sentence(
     for command in ("list", "verify", "gc", "migrate"):
         assert run(["store", command]) == 2
         assert "no store is given" in capsys.readouterr().err
+
+
+def test_the_path_of_a_new_store_is_its_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert printed(capsys, "store", "init", str(tmp_path / "new"))["store"] == str(tmp_path / "new")
+    assert (tmp_path / "new" / "store.toml").is_file()
+
+
+@pytest.mark.usefixtures("plant")
+def test_what_is_strange_about_a_run_is_printed_as_it_is_added(capsys: pytest.CaptureFixture[str]) -> None:
+    files = (replace(RUNS[0].files[0], sha256="f" * 64),)
+    later = replace(RUNS[0], id="f" * 64, measured_at="2090-01-01T00:00:00+00:00", files=files)
+    later.write("future.json")
+    shown = words(capsys, "store", "add", "future.json")
+    assert "future.json: run ffffffffffff of bench: added." in shown
+    assert "• The run's time, 2090-01-01T00:00:00+00:00, is in the future" in shown
+
+
+def test_a_run_is_shown_with_its_state_and_the_place_of_its_recordings(
+    with_files: OpenStore, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ids = run_ids(capsys)
+    shown = words(capsys, "store", "show", ids[3])
+    state = printed(capsys, "store", "show", ids[3])["state"]
+    assert f"State {state['state']}, epoch 0 from the first run, relative to the run {ids[0]}" in shown  # type: ignore[index]
+    assert f"by the model {state['model_digest']}, ballscrew {state['version']}, {state['made_at']}" in shown  # type: ignore[index]
+    assert "; in the store" in shown
+    assert "It does not count" not in shown
+    assert run(["store", "retain", "--days", "0", "--newest", "1"]) == 0
+    deleted = printed(capsys, "store", "show", ids[4])["recordings"][0]["deleted_at"]  # type: ignore[index]
+    shown = words(capsys, "store", "show", ids[4])
+    assert f"; deleted by policy at {utc_minute(deleted)}" in shown
+    assert "; in the store" not in shown
+    corrected = printed(capsys, "store", "correct", ids[4], "--measured-at", at(13.0))["run"]
+    shown = words(capsys, "store", "show", ids[4])
+    assert "It does not count: it was corrected" in shown
+    assert f"Corrected as the run {corrected}" in shown
+    assert with_files.path.name == "plant"
+
+
+def test_alarms_that_do_not_stand_and_a_trouble_of_the_measurement_are_shown(
+    with_files: OpenStore, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with with_files.write("test") as session:
+        axis = session.scalars(select(Axis)).one().id
+        for began, retracted in ((3.0, None), (6.0, at(12.0))):
+            session.add(
+                AlarmRow(
+                    axis_id=axis, epoch=0, began_at=at(began), raised_at=at(began + 3), retracted_at=retracted
+                )
+            )  # fmt: skip
+        trouble = Trouble(
+            axis_id=axis, kind="silence", began_at=at(15.0), raised_at=at(20.0), ended_at=None,
+            text="No run has come for 5 days.",
+        )  # fmt: skip
+        session.add(trouble)
+    shown = words(capsys, "store", "show", "bench")
+    first, second, third, fourth = (utc_minute(at(day)) for day in (3.0, 6.0, 9.0, 12.0))
+    assert f"Alarm since {first}, raised {second}, over since {third}." in shown
+    assert f"Alarm since {second}, raised {third}, retracted {fourth}." in shown
+    assert "Measurement: No run has come for 5 days." in shown
+
+
+@pytest.mark.usefixtures("plant")
+def test_the_newest_runs_of_a_long_history_are_shown(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "14 runs" in words(capsys, "store", "show", "bench")
+    monkeypatch.setattr("ballscrew.cli.store._SHOWN_RUNS", 5)
+    shown = words(capsys, "store", "show", "bench")
+    assert "the newest 5 of 14 runs" in shown
+    assert utc_minute(str(RUNS[9].measured_at)) in shown
+    assert utc_minute(str(RUNS[8].measured_at)) not in shown
+
+
+def test_raw_files_of_no_run_are_counted_by_verify(
+    with_files: OpenStore, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert words(capsys, "store", "verify").endswith("6 raw files verified: 0 faults.")
+    (with_files.folder.files / ".incoming-x").write_bytes(b"123")
+    assert "0 faults. 1 files belong to no run; 'ballscrew store gc' removes them." in words(
+        capsys, "store", "verify"
+    )
+
+
+def test_a_switch_of_runs_without_raw_files_is_described(
+    with_files: OpenStore, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert "without raw files" not in words(capsys, "reprocess", "bench")
+    assert run(["store", "archive", "bench", "--to", "archive", "--newest", "1"]) == 0
+    monkeypatch.setattr(adding, "METHOD_REVISION", 2)
+    imitate_analysis(monkeypatch, scale=31.0)  # 0.3 % more
+    by_switch = words(capsys, "reprocess", "bench", status=2)
+    assert "bench: 2 runs without raw files: by --switch they keep their results, with an event" in by_switch
+    switched = words(capsys, "reprocess", "bench", "--switch", status=2)
+    assert "bench: 2 runs without raw files keep their results, with an event of the step: as +" in switched
+    assert switched.endswith("% of the preload, by 4 runs with both.")
+    assert with_files.path.name == "plant"
+
+
+@pytest.mark.usefixtures("with_files")
+def test_a_run_that_cannot_be_analysed_again_is_named_and_has_status_2(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    newest = run_ids(capsys)[-1]
+    assert run(["store", "archive", "bench", "--to", "archive", "--newest", "0"]) == 0
+    capsys.readouterr()
+    assert run(["reprocess", "bench", "--method", "paper"]) == 2
+    found = capsys.readouterr()
+    assert f"ballscrew: run {newest[:12]}: its raw files are archived or deleted" in found.err
+    assert "without raw files; the step to the new results cannot be estimated." in found.out
