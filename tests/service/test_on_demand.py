@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
+import signal
+import tempfile
+import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+from tests.service.conftest import NewService, wait_for
 from tests.service.raw_runs import compute_here
 
 from ballscrew.base.errors import InputError
 from ballscrew.service import on_demand
-from ballscrew.service.on_demand import OnDemand, compute
+from ballscrew.service.on_demand import OnDemand, TaskFailure, compute, compute_tasks
 from ballscrew.service.serving import RefusedError, Service
 
 
@@ -30,6 +37,8 @@ class MadeTask:
             raise ValueError("unknown")
         if self.way == "crash":
             os._exit(3)
+        if self.way == "hang":
+            time.sleep(600)
 
 
 @pytest.fixture
@@ -175,3 +184,105 @@ def test_nothing_is_computed_when_the_disk_is_full(
     monkeypatch.setattr(Service, "free_bytes", lambda self: -1)  # noqa: ARG005
     with pytest.raises(RefusedError, match="disk is full"):
         results.find("a", MadeTask())
+
+
+@pytest.fixture
+def own_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """What the main function changes in its process is changed back."""
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    former = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, former)
+
+
+@pytest.mark.usefixtures("own_process")
+def test_the_process_computes_until_its_pipe_is_closed(tmp_path: Path) -> None:
+    """Its temporary files are in the folder that the service clears; the service answers Ctrl-C."""
+    pipe, other = multiprocessing.Pipe()
+    for name, way in (("a", "write"), ("b", "refuse")):
+        pipe.send((MadeTask(way), str(tmp_path / name)))
+    answers = multiprocessing.Pipe(duplex=False)
+    other.send = answers[1].send  # the pipe to the service is closed before they are read
+    pipe.close()
+    compute_tasks(other, str(tmp_path))
+    assert answers[0].recv() is None
+    assert answers[0].recv() == TaskFailure("it is no file.", lasts=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+    assert tempfile.gettempdir() == str(tmp_path)
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+def test_a_look_finds_what_is_there_and_computes_nothing(
+    results: OnDemand, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tasks = compute_here(monkeypatch)
+    assert results.look("a") is None
+    assert tasks == []
+    path = find(results, "a", MadeTask())
+    assert path is not None
+    os.utime(path, (1, 1))
+    assert results.look("a") == path
+    assert path.stat().st_mtime > 1  # it is not the oldest now
+    with pytest.raises(InputError):
+        find(results, "b", MadeTask("refuse"))
+    with pytest.raises(InputError, match="it is no file"):
+        results.look("b")
+    service.stopping.set()
+
+
+def test_a_process_without_a_task_ends_and_another_begins_for_the_next(
+    results: OnDemand, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compute_here(monkeypatch)
+    begun, killed = [], []
+
+    def start(self: OnDemand) -> None:
+        number = len(begun)
+        begun.append(number)
+        self._process = SimpleNamespace(
+            is_alive=lambda: True, kill=lambda: killed.append(number), join=lambda: None
+        )
+
+    monkeypatch.setattr(OnDemand, "_start_process", start)
+    monkeypatch.setattr(on_demand, "_IDLE", 0.0)
+    monkeypatch.setattr(on_demand, "_TICK", 0.01)
+    for number, key in enumerate("ab", start=1):
+        assert find(results, key, MadeTask()) is not None
+        wait_for(lambda: results._thread is None)
+        assert begun == killed == list(range(number))
+    service.stopping.set()
+
+
+def test_a_computation_that_takes_too_long_is_ended_with_a_sentence(new_service: NewService) -> None:
+    service = new_service(lease_s=0.1)
+    service.scratch.mkdir()
+    results = OnDemand(service, "made")
+    with pytest.raises(RefusedError, match=r"it took more than 0 s\.") as caught:
+        find(results, "a", MadeTask("hang"))
+    assert caught.value.status == 503
+    assert results._process is None
+    service.stopping.set()
+
+
+def test_a_computation_ends_with_the_server(results: OnDemand, service: Service) -> None:
+    results._folder.mkdir()
+    results._start_process()
+    process = results._process
+    service.stopping.set()
+    failure = results._answer("a", MadeTask("hang"))
+    assert failure == TaskFailure("the server stops.")
+    results._run()
+    assert not process.is_alive()
+
+
+def test_the_failures_that_are_remembered_are_limited(
+    results: OnDemand, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those before are forgotten, and computed again."""
+    tasks = compute_here(monkeypatch)
+    monkeypatch.setattr(on_demand, "_MOST_REFUSALS", 2)
+    for key, number in (("a", 1), ("b", 2), ("a", 2), ("c", 3), ("a", 4)):
+        with pytest.raises(InputError, match="it is no file"):
+            find(results, key, MadeTask("refuse"))
+        assert len(tasks) == number
+    service.stopping.set()
