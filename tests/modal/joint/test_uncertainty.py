@@ -28,8 +28,8 @@ def test_responses_of_one_mode_agree(both: JointFit) -> None:
     compared = response_difference(both)
     assert compared is not None
     difference, deviation = compared
-    assert np.abs(difference).max() < 0.002 * both.modes[0].centre
-    assert 0 < deviation.min() <= deviation.max() < 0.002 * both.modes[0].centre
+    assert np.abs(difference).max() < 0.002 * both.modes[0].middle_frequency
+    assert 0 < deviation.min() <= deviation.max() < 0.002 * both.modes[0].middle_frequency
 
 
 @pytest.mark.parametrize(("nut", "motor"), [(0.0, 0.02), (0.0, -0.05), (0.02, 0.0), (0.03, 0.03)])

@@ -20,47 +20,49 @@ from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode
 from ballscrew.modal.joint.parameters import Modes, with_rotor_parts
 from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile
 
-# Least part of a block's residual that a frame explains, as of `frame_scores`. On 8 random axes without a
-# frame near the mode it was 0.04 at most, on the independent bench 0.12 (the fit below rejects it); with one
-# of 4 to 20 times the moving mass, 0.15 at least.
+# Least result of `frame_scores` for a search: on 8 random axes without a frame near the mode the highest was
+# 0.04 at most, on the independent bench 0.12 (the fit below rejects it); with a frame of 4 to 20 times the
+# moving mass, 0.15 at least.
 _LEAST_SCORE = 0.06
-_SCORED = np.geomspace(0.55, 1.8, 13)  # frequencies of the frame, over the axial one
-_SCORED_RATIO = 1e-3  # moving mass over the frame's
+_SCORED = np.geomspace(0.55, 1.8, 13)  # frequencies of the frame in `frame_scores`, over the axial one
+_SCORED_RATIO = 1e-3  # moving mass over the frame's there: nearly 0
 
 # Start of the fit: frequencies of axis and frame, over that of the fit without a frame.
 _AXIS_SCALES = np.geomspace(0.72, 1.5, 9)
 _FRAME_SCALES = np.geomspace(0.6, 1.6, 10)
 _RATIO = 0.12  # moving mass over the frame's
 _DAMPING = 0.05  # damping ratio of the frame
-_ROTOR_PART = 0.6  # of the total inertia, where only one of the two frequencies is fitted
+_ROTOR_PART = 0.6  # rotor's part of the total inertia, where the rotor-held frequency is not fitted too
 
-# Least reduction of the log residual against a fit of the pitching mode without a frame, and largest damping
-# ratio. On ten random axes in 16 worlds without a frame, fits find reductions of 0.06
-# at most; with frames of 4 to 20 times the moving mass, 0.12 at least in the runs where one is found. On the
-# independent bench, which has none, three trips find 0.001; single trips find up to 1, with frames of more
-# than 100 times the moving mass. The damping ratios of machines are 0.1 at most.
+# Least reduction of the log residual by the frame, the pitching mode being fitted with and without it, and
+# largest damping ratio of the frame. On ten random axes in 16 worlds of benchmarks/other_worlds.py
+# without a frame, fits find reductions of 0.06 at most; with frames of 4 to 20 times the moving mass, 0.12 at
+# least in the runs where a frame is found. On the independent bench, which has no frame, three trips find
+# 0.001; single trips find up to 1, with frames of more than 100 times the moving mass. The damping ratios of
+# machines are 0.1 at most.
 _LEAST_REDUCTION, _MOST_DAMPING = 0.09, 0.15
-# Mass of the frame over the moving mass. With a wrong sheet a fit on that bench finds a frame of 73 times the
-# moving mass, a reduction of 0.11 and a damping ratio of 0.06.
+# Largest mass of the frame over the moving mass. With a wrong sheet a fit on that bench finds a frame of 73
+# times the moving mass, a reduction of 0.11 and a damping ratio of 0.06.
 _MOST_MASS = 50.0
-_DISTINCT = 0.1  # by which the log residual must be lower than with axis and frame interchanged
+_DISTINCT = 0.1  # least increase of the log residual where axis and frame are interchanged, if they are clear
 _SAME = 0.01  # largest difference of ln(frequency) of two fits that have the same axis
-_OF_FRAME = ("frame", "frame_damping", "coupling")
-_NEAR = (0.45, 2.2)  # frequency of the frame over the axial one
+_OF_FRAME = ("frame", "frame_damping", "coupling")  # fields of AxialMode
+_NEAR = (0.45, 2.2)  # range of the frame's frequency over the axial one
 
 
 @dataclass(frozen=True, slots=True)
 class FrameSearch:
-    """Search result of a frame mode.
+    """A mode of the frame that was found.
 
     Parameters
     ----------
     modes : tuple of AxialMode
         With the frame, one per block.
     reduction : float
-        Of :func:`~ballscrew.modal.joint.fit.log_residual` by the frame, the pitching mode being fitted too.
+        Reduction of :func:`~ballscrew.modal.joint.fit.log_residual` by the frame; the pitching mode is fitted
+        both with and without it.
     margin : float
-        By which the log residual is lower than with axis and frame interchanged.
+        Log residual with axis and frame interchanged, less that of ``modes``.
     """
 
     modes: Modes
@@ -95,37 +97,38 @@ def find_frame(blocks: Sequence[Block], modes: Modes, profile: Profile) -> Frame
         return None
     with_frame = replace(profile, pitch=plain.modes[0].pitch)
     priors = with_frame.priors(INITIAL_INFLATION)
-    unframed = _residual_without_frame(plain, with_frame)
+    residual_without = _residual_without_frame(plain, with_frame)
     fits = [fit_modes(blocks, start, with_frame.fields, priors) for start in _starts(plain)]
-    fits.sort(key=lambda fit: fit[1])
+    fits.sort(key=lambda fit: fit[1])  # the lower log residual first
     (best, residual), (other, other_residual) = fits
-    reduction = unframed - residual
+    reduction = residual_without - residual
     too_heavy = best[0].coupling * _MOST_MASS < 1
     if reduction < _LEAST_REDUCTION or too_heavy or not _is_near(best[0]):
         return None
-    if abs(math.log(other[0].centre / best[0].centre)) < _SAME or not _is_near(other[0]):
-        other_residual = unframed
+    same_axis = abs(math.log(other[0].middle_frequency / best[0].middle_frequency)) < _SAME
+    if same_axis or not _is_near(other[0]):
+        other_residual = residual_without  # no fit with axis and frame interchanged was found
     return FrameSearch(best, reduction, other_residual - residual)
 
 
 def _residual_without_frame(plain: JointFit, profile: Profile) -> float:
-    """Log residual of a fit with all parameters of a profile but those of the frame."""
+    """Log residual of a fit of all parameters of a profile except those of the frame."""
     fields = [field for field in profile.fields if field not in _OF_FRAME]
     priors = [prior for prior in profile.priors(INITIAL_INFLATION) if prior.fields[0][0] not in _OF_FRAME]
     return fit_modes(plain.blocks, plain.modes, fields, priors)[1]
 
 
 def _is_near(mode: AxialMode) -> bool:
-    """True if the frame's mode is a resonance near the axial one."""
+    """True if the frame's mode is near the axial one, and its damping ratio is that of a resonance."""
     low, high = _NEAR
-    return low < mode.frame / mode.centre < high and mode.frame_damping < _MOST_DAMPING
+    return low < mode.frame / mode.middle_frequency < high and mode.frame_damping < _MOST_DAMPING
 
 
 def frame_scores(plain: JointFit) -> Array:
     """Part of each block's residual that a frame of large mass would explain, at frequencies near the mode.
 
-    The score test: one step from a fit without a frame, along the derivative by its coupling without what the
-    fitted parameters explain of it. Negative where the best coupling would be.
+    A score test: one step from a fit without a frame, along the derivative of the model by the frame's
+    coupling, from which the part that the fitted parameters explain is removed.
 
     Parameters
     ----------
@@ -135,12 +138,12 @@ def frame_scores(plain: JointFit) -> Array:
     Returns
     -------
     ndarray, shape (blocks, frequencies)
-        Powers, over that of the residual.
+        Explained power over the power of the residual; negative where the step leads to a negative coupling.
     """
     bases = [np.linalg.qr(jacobian[:, jacobian.any(axis=0)])[0] for jacobian in plain.jacobian]
     out = np.zeros((len(plain.blocks), len(_SCORED)))
     for column, scale in enumerate(_SCORED.tolist()):
-        modes = _with_frame(plain.blocks, plain.modes, scale * plain.modes[0].centre, _SCORED_RATIO)
+        modes = _with_frame(plain.blocks, plain.modes, scale * plain.modes[0].middle_frequency, _SCORED_RATIO)
         by_coupling = fit_blocks(plain.blocks, modes, ("coupling",), most_steps=0)
         for row, basis in enumerate(bases):
             direction, residual = by_coupling.jacobian[row][:, 0], plain.residual[row]
@@ -152,19 +155,20 @@ def frame_scores(plain: JointFit) -> Array:
 
 
 def _starts(plain: JointFit) -> list[Modes]:
-    """Best initial values with the axis below the frame, and above it."""
+    """Best initial values with the axial frequency below that of the frame, and best with it above."""
     best: dict[bool, tuple[float, Modes]] = {}
-    for axis in _AXIS_SCALES.tolist():
+    for axis_scale in _AXIS_SCALES.tolist():
         scaled = tuple(
-            replace(mode, compliance=mode.compliance / axis**2, damping=INITIAL_DAMPING)
+            replace(mode, compliance=mode.compliance / axis_scale**2, damping=INITIAL_DAMPING)
             for mode in plain.modes
         )
-        for frame in _FRAME_SCALES.tolist():
-            modes = _with_frame(plain.blocks, scaled, frame * plain.modes[0].centre, _RATIO)
+        for frame_scale in _FRAME_SCALES.tolist():
+            frequency = frame_scale * plain.modes[0].middle_frequency
+            modes = _with_frame(plain.blocks, scaled, frequency, _RATIO)
             raw = raw_columns_of(plain.blocks, modes)
             solved = [project(b, m, raw=r) for b, m, r in zip(plain.blocks, modes, raw, strict=True)]
             residual = log_residual(solved)
-            above = axis > frame
+            above = axis_scale > frame_scale
             if residual < best.get(above, (math.inf, modes))[0]:
                 best[above] = residual, modes
     return [best[above][1] for above in (False, True)]
@@ -175,6 +179,5 @@ def _with_frame(blocks: Sequence[Block], modes: Modes, frequency: float, ratio: 
     out = []
     for b, mode in zip(blocks, modes, strict=True):
         part = 1.0 if b.mode_index == ROTOR_HELD else _ROTOR_PART
-        frame = replace(mode, frame=frequency, frame_damping=_DAMPING, coupling=ratio, rotor_part=part)
-        out.append(frame)
+        out.append(replace(mode, frame=frequency, frame_damping=_DAMPING, coupling=ratio, rotor_part=part))
     return with_rotor_parts(blocks, out)

@@ -24,11 +24,12 @@ from ballscrew.modal.joint.signals import TripSignals, decimated, position_range
 from ballscrew.modal.joint.verdicts import joint_result, refused_run
 from ballscrew.modal.reason import Reason
 
-_LEAST_CELLS = 3  # the compliance along the axis has two or three parameters
-_SEARCHES = 4  # at most, without a data sheet: each around the frequency that the one before has found
-# Without a data sheet. Rotor-held over rotor-free frequency: of a rotor with 1.8 times the moving mass.
-_ROTOR_HELD_RATIO = 0.8
-_SLOPE = 1.0  # 1/m, relative slope of the compliance with which the fit begins
+_LEAST_CELLS = 3  # least number of cells: the compliance along the axis has two or three parameters
+# Without a data sheet: largest number of searches, each around the frequency that the previous one found, and
+# initial values.
+_SEARCHES = 4
+_ROTOR_HELD_RATIO = 0.8  # rotor-held over rotor-free frequency, as for a rotor of 1.8 times the moving mass
+_SLOPE = 1.0  # 1/m, relative slope of the compliance along the axis
 
 
 def identify_jointly(
@@ -48,9 +49,9 @@ def identify_jointly(
     Parameters
     ----------
     trips : sequence of TripSignals
-        The run, one per recording.
+        Signals of the run's recordings.
     transients : sequence of TransientRow
-        Complete ones, each with the index of its trip as file.
+        Complete ones; the file of each is the index of its trip.
     sheet : DataSheet, optional
         Gives initial values, the lead, the expected load on the nut and its tolerance; without it neither the
         ripple of the motor nor the softening of the nut is fitted.
@@ -64,7 +65,7 @@ def identify_jointly(
     Returns
     -------
     JointResult
-        Every cell of the transients, with a frequency and its uncertainty, or refused with a reason.
+        Every cell of the transients, with a frequency (Hz) and its uncertainty, or refused with a reason.
 
     Raises
     ------
@@ -83,24 +84,26 @@ def identify_jointly(
     inertia = total_inertia(trips)
     if inertia is None or not high > low:
         return refused_run(transients, Reason("measurement", "the axis does not move"))
-    rounding = max(trip.rounding for trip in trips) / inertia**2
-    guess = math.sqrt(settings.lowest * settings.highest)
-    highest = trips[0].rate / min(SAMPLES_PER_PERIOD, settings.rate)
-    initial = _initial_values_around(max(min(guess, highest), settings.lowest))
+    rounding = max(trip.rounding for trip in trips) / inertia**2  # (m/s²)²/Hz
     if sheet is not None:
         initial = initial_values(sheet, load, low, high)
+    else:
+        middle = math.sqrt(settings.lowest * settings.highest)
+        highest_sampled = trips[0].rate / min(SAMPLES_PER_PERIOD, settings.rate)
+        initial = _initial_values_around(max(min(middle, highest_sampled), settings.lowest))
     for _ in range(_SEARCHES):
         found = _search_around(trips, transients, inertia, initial, settings, response)
         if isinstance(found, Reason):
             return refused_run(transients, found)
-        centre = found.fit.modes[0].centre
-        refusal = _too_fast(trips[0].rate, centre, sheet, settings)
+        frequency = found.fit.modes[0].middle_frequency
+        refusal = _too_fast(trips[0].rate, frequency, sheet, settings)
         if refusal is not None:
             return refused_run(transients, refusal)
-        if sheet is not None or FREQUENCY_SCALES[0] < centre / initial.rotor_free < FREQUENCY_SCALES[-1]:
+        # At the edge of the frequencies tried, the band may exclude a better mode.
+        within_range = FREQUENCY_SCALES[0] < frequency / initial.rotor_free < FREQUENCY_SCALES[-1]
+        if sheet is not None or within_range:
             return joint_result(found, transients, settings, rounding)
-        # Found at the edge of the frequencies tried: the band may have excluded a better mode.
-        initial = _initial_values_around(centre)
+        initial = _initial_values_around(frequency)
     return refused_run(transients, _no_mode(settings))
 
 
@@ -112,9 +115,10 @@ def _no_mode(settings: JointSettings) -> Reason:
 def _too_fast(
     rate: float, frequency: float, sheet: DataSheet | None, settings: JointSettings
 ) -> Reason | None:
-    """Reason to refuse a mode that was found at a rate too low for it.
+    """Reason to refuse a mode whose frequency (Hz) is too high for the sampling rate (Hz); None if it is not.
 
-    Without a data sheet the recordings were reduced for modes up to ``highest``: one beyond is not sought.
+    Without a data sheet, recordings are decimated for modes up to ``settings.highest``. A higher one counts
+    as not found: a higher rate of the recording would not help.
     """
     refusal = too_slow(rate, frequency, settings)
     if refusal is not None and sheet is None and frequency > settings.highest:
@@ -130,7 +134,7 @@ def _search_around(
     settings: JointSettings,
     response: Response,
 ) -> SearchResult | Reason:
-    """Fit of the decimated trips, searched around initial values; if there is none, the reason."""
+    """Decimate the trips, and search and fit the modes around initial values; the reason if that fails."""
     reduced = [decimated(trip, settings.rate * initial.rotor_free) for trip in trips]
     refusal = too_slow(reduced[0].rate, initial.rotor_free, settings)
     if refusal is not None:
@@ -142,7 +146,7 @@ def _search_around(
 
 
 def too_slow(rate: float, frequency: float, settings: JointSettings) -> Reason | None:
-    """Reason to refuse a sampling rate (Hz) that is too low for a mode at a frequency (Hz)."""
+    """Reason to refuse a sampling rate (Hz) that is too low for a frequency (Hz); None if it suffices."""
     least = min(SAMPLES_PER_PERIOD, settings.rate) * frequency
     if rate >= least:
         return None
@@ -159,7 +163,7 @@ def _initial_values_around(frequency: float) -> InitialValues:
 
 
 def _block_names(trips: Sequence[TripSignals], response: Response) -> tuple[str, ...]:
-    """Names of the blocks to fit, each of a drive and a response."""
+    """Names of the blocks to fit: first those with the response of the nut, if it was measured."""
     names: tuple[str, ...] = ()
     if response != "motor" and len(trips[0].response):
         names = ("torque-nut", "motor-nut")
@@ -169,7 +173,7 @@ def _block_names(trips: Sequence[TripSignals], response: Response) -> tuple[str,
 
 
 def _check(trips: Sequence[TripSignals], transients: Sequence[TransientRow], response: str) -> None:
-    """Refuse trips and transients that do not belong together."""
+    """Raise an InputError for trips and transients that do not belong together."""
     if response not in RESPONSES:
         raise InputError(f"the response is {response!r}; it must be one of {', '.join(RESPONSES)}.")
     if not trips:

@@ -29,7 +29,7 @@ from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode, compliance_of
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows
 
-_SMOOTHING_TIME = 0.01  # s, length of the smoothing of speed and force before the inertia is fitted
+_SMOOTHING_TIME = 0.01  # s, length of the window that smooths speed and force before the inertia is fitted
 _MOVING = 0.1  # of the highest speed: slower samples do not enter the fit of the inertia
 
 _PRELOAD_RATIOS = np.geomspace(1e-3, 2.0, 153)  # preloads tried, over the nominal one
@@ -44,10 +44,10 @@ FREQUENCY_SCALES = np.exp(np.arange(-0.40, 0.401, 0.04))
 _PITCH_RATIOS = (1.3, 1.45, 1.6, 1.75, 1.9, 2.05, 2.2, 2.35)
 _PITCH_RATIO, _PITCH_DAMPING = 1.8, 0.03  # assumed before the pitching mode is estimated
 
-# Power that the best pitching mode leaves unexplained, over that of the worst one tried, which explains
-# hardly more than a constant ratio of the two accelerometers: above it, no pitching mode is reported.
+# Largest power that a significant pitching mode leaves unexplained, over that with the worst frequency tried,
+# which explains hardly more than a constant ratio of the two accelerometers.
 _SIGNIFICANT = 0.6
-_MOST_PITCH_DAMPING = 0.1  # damping ratio of a pitching mode; what is damped more is not a resonance
+_MOST_PITCH_DAMPING = 0.1  # largest damping ratio of a pitching mode: more is not a resonance
 _RANK_TOLERANCE = 1e-12  # of the largest eigenvalue: directions of the columns with less are rounding
 
 
@@ -62,14 +62,14 @@ class InitialValues:
     slope : float
         Relative slope of the compliance along the axis, 1/m.
     mass_over_preload, nut_over_rest, friction, weight : float
-        As of :class:`~ballscrew.modal.joint.mode.AxialMode`; 0 without a data sheet.
+        Fields of :class:`~ballscrew.modal.joint.mode.AxialMode`; 0 without a data sheet.
     lead : float
         Travel per turn of the motor, m; 0 without a data sheet.
     curved : bool
         Whether the compliance is a parabola along the axis, as for a screw with both ends fixed, and not a
         line.
     sheet : DataSheet or None
-        Of the axis.
+        Of the axis, if there is one.
     load : float
         On the table, kg.
     """
@@ -88,8 +88,11 @@ class InitialValues:
 
     def mode(self, index: int) -> AxialMode:
         """The mode with the rotor free (0) or held (1)."""
+        frequency = self.rotor_free
+        if index == ROTOR_HELD:
+            frequency = self.rotor_held
         return AxialMode(
-            compliance=compliance_of(self.rotor_held if index == ROTOR_HELD else self.rotor_free),
+            compliance=compliance_of(frequency),
             slope=self.slope,
             curve=0.0,
             damping=INITIAL_DAMPING,
@@ -117,14 +120,14 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
     Returns
     -------
     InitialValues
-        With every value predicted.
+        As predicted for a nut with its nominal preload.
     """
     middle = (low + high) / 2
-    rotor_free, f_low, f_high = predicted_frequency(sheet, [middle, low, high], load).tolist()
+    rotor_free, at_low, at_high = predicted_frequency(sheet, [middle, low, high], load).tolist()
     # The compliance is proportional to 1/f².
-    slope = ((rotor_free / f_high) ** 2 - (rotor_free / f_low) ** 2) / (high - low)
+    slope = ((rotor_free / at_high) ** 2 - (rotor_free / at_low) ** 2) / (high - low)
     mass = float(moving_mass(sheet, load)) + screw_part(sheet)
-    share = float(nut_share(sheet, middle))
+    share = float(nut_share(sheet, middle))  # of the compliance
     mass_over_preload = mass / sheet.nominal_preload
     return InitialValues(
         rotor_free=rotor_free,
@@ -144,11 +147,11 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
 def expected_mass_over_preload(
     sheet: DataSheet, load: float, position: float, frequency: float
 ) -> tuple[float, float, float]:
-    """Moving mass over preload that the data sheet and an estimated frequency lead one to expect.
+    """Moving mass over preload expected from the data sheet and an estimated frequency.
 
-    Before the run the nut is as likely sound, with its nominal preload, as worn. The likelihood of a preload
-    is Student's distribution of the difference between the estimated frequency and that of the data sheet, in
-    units of the sheet's uncertainty: sheets may be wrong by more than their tolerances.
+    Before the run, the nut is sound, with its nominal preload, or worn, with equal probability. The
+    likelihood of a preload is Student's distribution of ln(estimated over predicted frequency), in units of
+    the sheet's relative uncertainty: sheets may be wrong by more than their tolerances.
 
     Parameters
     ----------
@@ -157,7 +160,7 @@ def expected_mass_over_preload(
     load : float
         On the table, kg.
     position : float
-        Of the table, m.
+        Axis position, m.
     frequency : float
         Estimated there, rotor free, Hz.
 
@@ -168,7 +171,7 @@ def expected_mass_over_preload(
     deviation : float
         Standard deviation of its logarithm.
     least : float
-        Lower limit, kg/N: the preload is higher with a probability of 2.5 %.
+        Lower limit, kg/N; the true value is below it with a probability of 2.5 %.
     """
     expected = with_uncertainty(sheet, position, load)
     tolerance = float(expected.standard_uncertainty / expected.value)
@@ -176,22 +179,22 @@ def expected_mass_over_preload(
     squares = (np.log(frequency / predicted) / tolerance) ** 2
     logarithms = np.log(_PRELOAD_RATIOS)
     prior = np.zeros_like(logarithms)
-    for mean, spread in (_SOUND, _WORN):
-        prior += np.exp(-(((logarithms - mean) / spread) ** 2) / 2) / spread
-    weights = prior * (1 + squares / _FREEDOM) ** (-(_FREEDOM + 1) / 2)
+    for centre, spread in (_SOUND, _WORN):
+        prior += np.exp(-(((logarithms - centre) / spread) ** 2) / 2) / spread
+    weights = prior * (1 + squares / _FREEDOM) ** (-(_FREEDOM + 1) / 2)  # posterior probabilities
     mean = float(np.average(logarithms, weights=weights))
-    spread = math.sqrt(np.average((logarithms - mean) ** 2, weights=weights))
+    deviation = math.sqrt(np.average((logarithms - mean) ** 2, weights=weights))
     mass = float(moving_mass(sheet, load)) + screw_part(sheet)
     highest = float(np.interp(0.975, np.cumsum(weights) / np.sum(weights), logarithms))
     nominal = mass / sheet.nominal_preload
-    return nominal * math.exp(-mean), spread, nominal * math.exp(-highest)
+    return nominal * math.exp(-mean), deviation, nominal * math.exp(-highest)
 
 
 def total_inertia(trips: Sequence[TripSignals]) -> float | None:
-    """Total inertia, in units of the recorded force per m/s²; None if not determined.
+    """Total inertia, in units of the recorded force per m/s²; None if the trips do not determine it.
 
-    The force of the moving axis is inertia, Coulomb friction, viscous friction and an offset: four numbers,
-    by least squares over all trips.
+    The force of the moving axis is the sum of inertia, Coulomb friction, viscous friction and an offset. Their
+    four coefficients are fitted by least squares over all trips.
     """
     normal_matrix, products = np.zeros((4, 4)), np.zeros(4)
     for trip in trips:
@@ -202,14 +205,16 @@ def total_inertia(trips: Sequence[TripSignals]) -> float | None:
         acceleration = np.gradient(speed) * trip.rate
         force = np.convolve(trip.force, taps, "same")
         moving = np.abs(speed) > _MOVING * np.abs(speed).max()
-        moving[: 2 * width] = moving[-2 * width :] = False
+        moving[: 2 * width] = moving[-2 * width :] = False  # where the smoothing lacks samples
         rows = np.stack([acceleration, np.sign(speed), speed, np.ones_like(speed)], axis=1)[moving]
         normal_matrix += rows.T @ rows
         products += rows.T @ force[moving]
     if not np.all(np.isfinite(normal_matrix)):
         return None
-    # Trips in one direction do not separate Coulomb friction from an offset; the inertia is still determined.
-    if np.linalg.matrix_rank(normal_matrix) - np.linalg.matrix_rank(normal_matrix[1:, 1:]) < 1:
+    # Trips in one direction do not separate Coulomb friction from an offset. The inertia is still determined
+    # if the acceleration is linearly independent of the other columns.
+    rank, rank_of_others = np.linalg.matrix_rank(normal_matrix), np.linalg.matrix_rank(normal_matrix[1:, 1:])
+    if rank - rank_of_others < 1:
         return None
     mass = float(np.linalg.lstsq(normal_matrix, products, rcond=None)[0][0])
     return mass if abs(mass) > 0 else None
@@ -218,9 +223,9 @@ def total_inertia(trips: Sequence[TripSignals]) -> float | None:
 def search_frequencies(
     blocks: Sequence[Block], modes: Sequence[AxialMode], pitching: tuple[float, float] | None
 ) -> tuple[AxialMode, ...]:
-    """Frequency of every block's mode that leaves the least power, among many around the initial one.
+    """Search for the frequency of every block's mode that leaves the least power unexplained.
 
-    The initial frequency, of the data sheet if there is one, is only the middle of those tried.
+    The frequencies tried are :data:`FREQUENCY_SCALES` times the initial one.
 
     Parameters
     ----------
@@ -234,9 +239,9 @@ def search_frequencies(
     Returns
     -------
     tuple of AxialMode
-        The best, with one pitching mode for all.
+        One per block, all with the same pitching mode.
     """
-    axial = 1 / (2 * math.pi * math.sqrt(modes[0].compliance))
+    axial = 1 / (2 * math.pi * math.sqrt(modes[0].compliance))  # Hz
     candidates = [(ratio * axial, _PITCH_DAMPING) for ratio in _PITCH_RATIOS]
     if pitching is not None:
         candidates = [pitching]
@@ -258,19 +263,19 @@ def search_frequencies(
 
 
 def _relative_powers(b: Block, modes: Sequence[AxialMode], simulations: Sequence[Simulation]) -> list[float]:
-    """Part of the power that each mode leaves unexplained, if every window begins at rest."""
-    at_rest: NDArray[np.float64] = np.zeros((len(b.windows.place), 2))
+    """Part of the power of a block that each mode leaves unexplained, if every window begins at rest."""
+    no_free_vibration: NDArray[np.float64] = np.zeros((len(b.windows.place), 2))
     raw = [raw_columns(b, mode, simulation) for mode, simulation in zip(modes, simulations, strict=True)]
-    first = project(b, modes[0], at_rest, raw[0])
-    return [remaining_power(b, columns, first) / max(first.total, 1e-300) for columns in raw]
+    reference = project(b, modes[0], no_free_vibration, raw[0])
+    return [remaining_power(b, columns, reference) / max(reference.total, 1e-300) for columns in raw]
 
 
 def find_pitching_mode(w: Windows, low: float, high: float) -> tuple[float, float] | None:
     """Estimate the mode in which the table pitches, from two accelerometers.
 
     Two accelerometers at different heights measure the same axial motion and different amounts of pitching.
-    The second is therefore the first, plus the first filtered by the resonance of the pitching mode, whatever
-    moves the table: no model of the axis is needed.
+    Whatever moves the table, the second signal is therefore a sum of the first and of the first filtered by
+    the resonance of the pitching mode; no model of the axis is needed.
 
     Parameters
     ----------
@@ -281,14 +286,15 @@ def find_pitching_mode(w: Windows, low: float, high: float) -> tuple[float, floa
 
     Returns
     -------
-    frequency, damping : float
-        Hz and ratio; None without a second accelerometer, or if the mode is not significant.
+    tuple of float or None
+        Frequency (Hz) and damping ratio; None without a second accelerometer, or if the mode is not
+        significant.
     """
     if len(w.nut) < 2:
         return None
     from scipy.optimize import minimize
 
-    high = min(high, 0.4 * w.rate)
+    high = min(high, 0.4 * w.rate)  # below the Nyquist frequency
     grid = [(f, z) for f in np.geomspace(low, high, 30) for z in (0.02, 0.06)]
     remaining = [_unexplained_by_pitching(w, f, z) for f, z in grid]
 
@@ -309,13 +315,16 @@ def find_pitching_mode(w: Windows, low: float, high: float) -> tuple[float, floa
 
 
 def _unexplained_by_pitching(w: Windows, frequency: float, damping: float) -> float:
-    """Part of the second accelerometer's power that the first one and its pitching do not explain."""
+    """Part of the second accelerometer's power that the first and its filtered signal do not explain.
+
+    Their derivatives stand for a delay between the accelerometers.
+    """
     first, second = w.nut[0], w.nut[1]
     filtered = np.empty(len(first))
     angular = 2 * math.pi * min(frequency, BELOW_NYQUIST * w.rate)
     pitching_response(first, w.first, angular, damping, 1 / w.rate, filtered)
-    rates = [differences(values, w.first) for values in (first, filtered)]
-    columns = np.stack([first, filtered, *rates])[:, w.from_rest]
+    derivatives = [differences(values, w.first) for values in (first, filtered)]
+    columns = np.stack([first, filtered, *derivatives])[:, w.from_rest]
     target = second[w.from_rest]
     explained = orthonormaliser(columns @ columns.T, _RANK_TOLERANCE).T @ (columns @ target)
     return max(1 - float(explained @ explained) / float(target @ target), 1e-12)

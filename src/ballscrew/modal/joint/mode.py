@@ -17,25 +17,27 @@ INITIAL_DAMPING = 0.03  # damping ratio at the start of a search
 class AxialMode:
     """The axial mode along the axis: 1/w² = compliance (1 + slope x + curve x² + local(x)).
 
-    w is the undamped angular natural frequency, x the position from the middle of the axis, m. 1/w² is the
-    compliance at the nut times the effective mass, so that it is linear in x where the screw has one bearing.
+    w is the undamped angular natural frequency, x the position from the middle of the axis (m). 1/w² is the
+    compliance at the nut times the effective mass: linear in x where the screw has one thrust bearing. It is
+    called compliance here, although its unit is s².
 
     Parameters
     ----------
     compliance : float
         1/w² in the middle, s².
     slope, curve : float
-        Relative slope (1/m) and curvature (1/m²) of the compliance along the axis.
+        Coefficients of x (1/m) and x² (1/m²) in the relative compliance along the axis.
     damping : float
         Damping ratio in the middle.
     mass_over_preload : float
         Moving mass over preload, kg/N: times the table's acceleration it is the load on the nut over its
         preload. 0 for a nut that no load softens.
     nut_over_rest : float
-        Compliance of the nut in the middle over that of all other parts, scaled to a ``mass_over_preload`` of
-        1 kg/N: times the cube root of ``mass_over_preload`` it is the ratio itself (Hertz).
+        Compliance of the nut in the middle over that of all other parts, at a ``mass_over_preload`` of
+        1 kg/N. At another value the ratio is this times the cube root of ``mass_over_preload``, since the
+        compliance of the nut is proportional to P^(-1/3) (Hertz).
     friction : float
-        Friction on the table, as an acceleration, m/s².
+        Friction force on the table over the moving mass, m/s².
     pitch, pitch_damping : float
         Frequency (Hz) and damping ratio of the pitching mode of the table.
     places, local : tuple of float
@@ -46,14 +48,14 @@ class AxialMode:
         Exponent of the frequency in the damping ratio along the axis: 1 for viscous damping in the springs,
         -1 for viscous damping in the guide, 0 for hysteresis.
     weight : float
-        Constant force on the nut, as an acceleration: the weight of an axis that is not horizontal, m/s².
+        Constant force on the nut over the moving mass, m/s²: the weight of an axis that is not horizontal.
     frame, frame_damping : float
         Frequency (Hz) and damping ratio of the machine's frame without the table.
     coupling : float
         Moving mass over the frame's mass; 0 for a frame that does not move.
     rotor_part : float
-        The rotor's part of the total inertia with the rotor free, and 1 with it held: the frame's coupling to
-        the mode is multiplied by it.
+        Factor of ``coupling``: the rotor's part of the total inertia with the rotor free, and 1 with the
+        rotor held.
     """
 
     compliance: float
@@ -76,7 +78,7 @@ class AxialMode:
 
     @property
     def frame_coupling(self) -> float:
-        """Factor of the force of the spring on the frame: ν in the equations of motion."""
+        """Coupling ν in the equations of motion of :mod:`ballscrew.modal.joint.simulation`."""
         return self.coupling * self.rotor_part
 
     @property
@@ -86,7 +88,7 @@ class AxialMode:
         return ratio / (1 + ratio)
 
     @property
-    def centre(self) -> float:
+    def middle_frequency(self) -> float:
         """Undamped natural frequency in the middle, Hz."""
         return float(mode_frequency(self, np.zeros(1))[0])
 
@@ -99,7 +101,8 @@ def compliance_of(frequency: float) -> float:
 def mode_frequency(mode: AxialMode, place: Array) -> Array:
     """Undamped natural frequency, Hz, at positions from the middle, m."""
     compliance = mode.compliance * relative_compliance(mode, place)  # 1/w², s²
-    return np.asarray(1 / (2 * math.pi * np.sqrt(np.maximum(compliance, 1e-12))))
+    positive = np.maximum(compliance, 1e-12)  # a trial step of the fit may be negative somewhere
+    return np.asarray(1 / (2 * math.pi * np.sqrt(positive)))
 
 
 def relative_compliance(mode: AxialMode, place: Array) -> Array:
@@ -109,47 +112,51 @@ def relative_compliance(mode: AxialMode, place: Array) -> Array:
 
 
 def damping_ratio(mode: AxialMode, frequency: Array) -> Array:
-    """Damping ratio at positions with this undamped natural frequency, Hz."""
-    middle = 1 / (2 * math.pi * math.sqrt(mode.compliance))
+    """Damping ratio at positions where the undamped natural frequency is ``frequency`` (Hz)."""
+    middle = 1 / (2 * math.pi * math.sqrt(mode.compliance))  # Hz
     return np.asarray(np.minimum(mode.damping * (frequency / middle) ** mode.power, _MOST_DAMPING))
 
 
 def local_compliance(mode: AxialMode, place: Array) -> Array:
-    """What local wear adds to the compliance at positions from the middle (m), over that in the middle."""
+    """Compliance added by local wear at positions from the middle (m), over the compliance in the middle."""
     if not mode.local:
         return np.zeros_like(place)
     return np.asarray(np.interp(place, mode.places, mode.local))
 
 
 def coupled_poles(mode: AxialMode, frequency: Array) -> tuple[Array, Array]:
-    """Angular frequencies (rad/s) and damping ratios of the mode coupled with the frame's.
+    """Poles of the axial mode coupled with that of the frame.
 
     Parameters
     ----------
     mode : AxialMode
         The mode.
     frequency : ndarray, shape (n,)
-        Of the mode with the frame blocked, Hz.
+        Undamped natural frequency with the frame blocked, Hz.
 
     Returns
     -------
     omega, damping : ndarray, shape (n, 2)
-        Of both modes, ascending; shape (n, 1) of the one mode where the frame does not move.
+        Angular frequencies (rad/s, ascending) and damping ratios of both modes; shape (n, 1) of the axial
+        mode alone where the frame does not move.
     """
-    own, zeta = 2 * math.pi * frequency, damping_ratio(mode, frequency)
+    blocked, zeta = 2 * math.pi * frequency, damping_ratio(mode, frequency)  # rad/s, 1
     if not mode.coupling > 0:
-        return own[:, None], zeta[:, None]
-    # (s² + spring)(s² + mounts) + coupling s² spring = 0, where spring and mounts are linear in s.
+        return blocked[:, None], zeta[:, None]
+    # Roots of (s² + D s + K)(s² + d s + k) + coupling s² (D s + K): damping and stiffness of the axis, D and
+    # K, and of the frame's mounts, d and k, each over a mass. First row of the companion matrix: minus the
+    # coefficients of s³ to s⁰.
     angular = 2 * math.pi * mode.frame
-    rate, mount, coupling = 2 * mode.frame_damping * angular, angular**2, mode.frame_coupling
-    damper, square = 2 * zeta * own, own * own
-    companion = np.zeros((len(own), 4, 4))
+    mount_damping, mount, coupling = 2 * mode.frame_damping * angular, angular**2, mode.frame_coupling
+    axis_damping, axis = 2 * zeta * blocked, blocked * blocked
+    companion = np.zeros((len(blocked), 4, 4))
     companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
-    companion[:, 0, 0] = -(rate + damper + coupling * damper)
-    companion[:, 0, 1] = -(mount + damper * rate + square + coupling * square)
-    companion[:, 0, 2] = -(damper * mount + square * rate)
-    companion[:, 0, 3] = -(square * mount)
+    companion[:, 0, 0] = -(mount_damping + axis_damping + coupling * axis_damping)
+    companion[:, 0, 1] = -(mount + axis_damping * mount_damping + axis + coupling * axis)
+    companion[:, 0, 2] = -(axis_damping * mount + axis * mount_damping)
+    companion[:, 0, 3] = -(axis * mount)
     roots = np.linalg.eigvals(companion)
+    # One of each conjugate pair: the two with the largest imaginary parts.
     poles = np.take_along_axis(roots, (-roots.imag).argsort(axis=1)[:, :2], axis=1)
     poles = np.take_along_axis(poles, np.abs(poles).argsort(axis=1), axis=1)
     return np.abs(poles), -poles.real / np.abs(poles)

@@ -13,9 +13,9 @@ from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import ROTOR_FREE, ROTOR_HELD, Block
 from ballscrew.modal.joint.mode import AxialMode
 
-Modes = tuple[AxialMode, ...]
-# A field of AxialMode and the index of its mode; None for a field that all blocks share. "local:3" is the
-# local compliance at the fourth stop.
+Modes = tuple[AxialMode, ...]  # one per block
+# A field of AxialMode and the index of its mode, ROTOR_FREE or ROTOR_HELD; None for a field that has the same
+# value in both modes. The field "local:3" is the local compliance at the fourth stop.
 Parameter = tuple[str, int | None]
 
 LOCAL = "local:"
@@ -25,10 +25,11 @@ FRAME_FIELDS = ("frame", "frame_damping", "coupling", "pitch", "pitch_damping")
 """Fields fitted where the frame has a mode near the axial one."""
 
 MODE_FIELDS = ("compliance", "slope", "curve", "damping")
-"""Fields of each mode; the others are common to all modes."""
+"""Fields with one value for the rotor free and another for the rotor held; the others have the same value."""
 
 # Fields whose logarithm is the parameter.
 LOGARITHMIC = ("compliance", "damping", "mass_over_preload", *FRAME_FIELDS)
+# Least and largest value of a field; all of them without unit.
 _LIMITS = {
     "damping": (1e-3, 0.5),
     "pitch_damping": (1e-3, 0.5),
@@ -36,7 +37,7 @@ _LIMITS = {
     "frame_damping": (2e-3, 0.3),
     "coupling": (1e-5, 1.0),
 }
-_LOCAL_LIMITS = (-0.8, 20.0)  # over the compliance in the middle
+_LOCAL_LIMITS = (-0.8, 20.0)  # of a local compliance, over the compliance in the middle
 
 
 def limits_of(parameters: Sequence[Parameter]) -> Array:
@@ -53,12 +54,12 @@ def limits_of(parameters: Sequence[Parameter]) -> Array:
 
 
 def stop_of(field: str) -> int:
-    """Index of the stop of a field ``local:…``."""
+    """Index of the stop of a field that begins with :data:`LOCAL`."""
     return int(field.removeprefix(LOCAL))
 
 
 def read_parameter(mode: AxialMode, field: str) -> float:
-    """Value of a parameter; the logarithm for a logarithmic field."""
+    """Value of a field as a parameter: its logarithm for a logarithmic field."""
     if field.startswith(LOCAL):
         return mode.local[stop_of(field)]
     value = float(getattr(mode, field))
@@ -68,7 +69,7 @@ def read_parameter(mode: AxialMode, field: str) -> float:
 def modes_with(
     modes: Modes, blocks: Sequence[Block], parameters: Sequence[Parameter], values: Array
 ) -> Modes:
-    """Modes with these values of the parameters."""
+    """Modes, one per block, with these values of the parameters, shape (parameters,)."""
     out = []
     for mode, b in zip(modes, blocks, strict=True):
         changes: dict[str, Any] = {}
@@ -85,14 +86,19 @@ def modes_with(
 
 
 def with_rotor_parts(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> Modes:
-    """Modes of a moving frame with ``rotor_part`` = (f_held/f_free)², Eq. (3).
+    """Modes with the ``rotor_part`` that follows from both frequencies: (f_held/f_free)², Eq. (3).
 
     Parameters
     ----------
     blocks : sequence of Block
         Data.
     modes : sequence of AxialMode
-        One per block; as given where the frame does not move, or if there is only one frequency.
+        One per block.
+
+    Returns
+    -------
+    tuple of AxialMode
+        Unchanged where the frame does not move, or where only one of the two frequencies is fitted.
     """
     of_index = {b.mode_index: mode for b, mode in zip(blocks, modes, strict=True)}
     if len(of_index) == 1 or not modes[0].coupling > 0:

@@ -325,7 +325,7 @@ def ripple_amplitudes(found: JointFit, orders: Sequence[int], lead: float) -> tu
     for k, order in enumerate(orders):
         at = len(weights) - 2 * (len(orders) - k) + np.arange(2)
         size = math.hypot(*weights[at])
-        reaches_mode = order * turns >= _REACHED * mode.centre
+        reaches_mode = order * turns >= _REACHED * mode.middle_frequency
         alone = not any(0 < abs(other - order) <= _NEIGHBOUR for other in orders)
         if not alone or not reaches_mode or size < _ZERO or gain < _ZERO:
             out.append(RippleOrder(order, None, None, reaches_mode and not alone))
@@ -339,7 +339,7 @@ def ripple_amplitudes(found: JointFit, orders: Sequence[int], lead: float) -> tu
 def _torque_gain(found: JointFit, weights: Array) -> float:
     """Gain, at the mode's frequency, of a response over the simulated acceleration of the table."""
     b, mode = found.blocks[0], found.modes[0]
-    f = mode.centre
+    f = mode.middle_frequency
     derivative, ratio = 1j * math.sin(2 * math.pi * f / b.windows.rate), f / mode.pitch
     factors = [1, derivative]
     if b.name != "torque-motor":

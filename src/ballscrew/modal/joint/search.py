@@ -39,27 +39,30 @@ from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.trips import TripShift, trip_shifts
 from ballscrew.modal.joint.windows import Windows, average_windows, subset
 
-# Frequencies of the pitching mode.
-_LEAST_PITCH_RATIO = 1.2  # over the axial mode's, where two accelerometers determine it
-_PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # tried without them, over the axial mode's
-_NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])  # tried around an estimate
+# Frequency of the pitching mode over that of the axial mode.
+_LEAST_PITCH_RATIO = 1.2  # lower limit of the search with two accelerometers
+_PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # tried with a single accelerometer
+# Frequencies of the pitching mode that are tried around an estimated one, over it.
+_NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])
 
+# Largest number of iterations: of the fits that locate the modes, and of those of the whole profile.
 _FIRST_ITERATIONS, _ITERATIONS = 6, 8
-# Rms residual where the table begins to slide: more is friction. Friction of 15 % of the response, on axis 12
-# of the benchmarks, shifts the frequency by 0.5 Hz; on the bench it is below 5 %.
-_FRICTION_RESIDUAL = 2.0  # over the residual elsewhere
-_FRICTION_RESPONSE = 0.1  # over the response there, without the noise elsewhere
-_HIDES_FRICTION = 0.2  # over the response there, noise included
+# Rms residual where the table begins to slide: with more than each of these, friction is not negligible.
+# Friction of 15 % of the response, on axis 12 of the benchmarks, shifts the frequency by 0.5 Hz; on the bench
+# it is below 5 %.
+_FRICTION_RESIDUAL = 2.0  # over the rms residual elsewhere
+_FRICTION_RESPONSE = 0.1  # over the rms response there, after subtraction of the noise elsewhere
+_HIDES_FRICTION = 0.2  # over the rms response there, noise included
 _AROUND_SLIP = (0.006, 0.015)  # s before and after the first sample that is fitted in motion
 OTHER_NUT = 1.5
-"""Expected mass over preload over that found: from this ratio on the nut may be another than that found."""
+"""Ratio of the expected to the fitted mass over preload from which on a worn nut may have been overlooked."""
 
-_WORN = 10.0  # mass over preload of the worn nut that is tried, over that of the data sheet
+_WORN = 10.0  # mass over preload of the worn nut from which a fit begins, over that of the data sheet
 
 
 @dataclass(frozen=True, slots=True)
 class SearchResult:
-    """The final fit of a run.
+    """The final fit of a run, and the choices made before it.
 
     Parameters
     ----------
@@ -69,7 +72,7 @@ class SearchResult:
         Whether departures are fitted from standstill on, see
         :func:`~ballscrew.modal.joint.blocks.make_block`.
     variation : LocalVariation
-        Assumed in the priors of the final fit.
+        Variation of the compliance from stop to stop, as assumed in the priors of the final fit.
     profile : Profile
         Which parameters were fitted, with their priors.
     ripple : tuple of RippleOrder
@@ -77,7 +80,7 @@ class SearchResult:
     frame : FrameSearch or None
         Mode of the frame fitted with the axial one.
     trips : tuple of TripShift
-        Frequency of each trip less that of the run.
+        Frequency of each trip less that of the run, relative; empty for a run of one trip.
     """
 
     fit: JointFit
@@ -100,51 +103,61 @@ def search(
 ) -> SearchResult | None:
     """Fit a run.
 
-    In four steps: the frequencies, with compliance, slope and damping alone; the whole profile along the
-    axis; the ripple of the motor; all of it once more with whitened residuals.
+    The steps: locate the axial and the pitching mode by their frequencies, with compliance, slope and damping
+    alone; find a mode of the frame, and a worn nut; fit the whole profile along the axis; select the ripple
+    of the motor; fit everything once more with whitened residuals.
 
     Parameters
     ----------
-    trips, transients
-        The run.
+    trips : sequence of TripSignals
+        Decimated recordings of the run.
+    transients : sequence of TransientRow
+        Complete ones; the file of each is the index of its trip.
     inertia : float
         Total inertia, in units of force per m/s².
     initial : InitialValues
         Modes at the start.
     names : sequence of str
-        Names of the blocks to fit.
+        Names of the blocks to fit; those with the response of the nut come first.
     settings : JointSettings
-        Settings.
+        Settings of the method.
 
     Returns
     -------
     SearchResult or None
         None if no cell has a window.
     """
-    # The mode is located without the motor's response to the torque, if there are accelerometers.
-    located = _locate(trips, transients, inertia, initial, names[:2], settings)
+    # If there are accelerometers, the modes are located without the third block, "torque-motor".
+    located_by = names[:2]
+    located = _locate(trips, transients, inertia, initial, located_by, settings)
     if located is None:
         return None
     w, modes = located
     profile = Profile(initial.curved)
     if initial.sheet is not None:
-        expected = expected_mass_over_preload(initial.sheet, initial.load, w.middle, modes[0].centre)
+        expected = expected_mass_over_preload(
+            initial.sheet, initial.load, w.middle, modes[0].middle_frequency
+        )
         profile = Profile(initial.curved, *expected)
-    frame = find_frame(_unwhitened_blocks(names[:2], subset(w)), modes, profile)
+    frame = find_frame(_unwhitened_blocks(located_by, subset(w)), modes, profile)
     if frame is not None:
         modes, profile = frame.modes, replace(profile, pitch=frame.modes[0].pitch)
-        low, high = settings.band_low * modes[0].centre, settings.band_high * modes[0].centre
+        low, high = (
+            settings.band_low * modes[0].middle_frequency,
+            settings.band_high * modes[0].middle_frequency,
+        )
         w = average_windows(trips, transients, inertia, low, high) or w
     modes = _new_or_worn(_unwhitened_blocks(names, subset(w)), modes, profile)
     blocks = _unwhitened_blocks(names, w)
-    first_fit = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
-    smooth, variation = _better_with_expected_nut(blocks, *first_fit, profile)
-    from_rest = all(_departs_freely(b, s) for b, s in zip(blocks, smooth.solved, strict=True))
-    with_ripple = RippleModel(trips, names, False, initial, profile).fit(smooth, variation)
-    # A force of the balls was part of the residual elsewhere, and hid friction.
+    plain, variation = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
+    plain, variation = _better_with_expected_nut(blocks, plain, variation, profile)
+    from_rest = all(_departs_freely(b, solved) for b, solved in zip(blocks, plain.solved, strict=True))
+    ripple_model = RippleModel(trips, names, from_rest=False, initial=initial, profile=profile)
+    with_ripple = ripple_model.fit(plain, variation)
+    # The force of passing balls was in the residual with which that of friction is compared.
     from_rest = from_rest and with_ripple.forces.balls is None
     if from_rest:
-        with_ripple = RippleModel(trips, names, True, initial, profile).fit(smooth, variation)
+        with_ripple = replace(ripple_model, from_rest=True).fit(plain, variation)
     unwhitened = with_ripple.fit
     blocks = _whitened_blocks(unwhitened, settings)
     final, variation = fit_profile(blocks, unwhitened.modes, profile, with_ripple.variation, _ITERATIONS)
@@ -161,25 +174,28 @@ def _locate(
     names: Sequence[str],
     settings: JointSettings,
 ) -> tuple[Windows, tuple[AxialMode, ...]] | None:
-    """Locate the modes: in a band around the initial frequency, then in one around the frequency found."""
+    """Locate the modes: in a band around the initial frequency, then in a band around the located one.
+
+    Returns the windows in the second band and a mode for each block; None if no cell has a window.
+    """
     low, high = settings.band_low * initial.rotor_free, settings.band_high * initial.rotor_free
     w = average_windows(trips, transients, inertia, low, high)
     if w is None:
         return None
-    pitching = find_pitching_mode(w, _LEAST_PITCH_RATIO * initial.rotor_free, high)
+    pitching = find_pitching_mode(w, _LEAST_PITCH_RATIO * initial.rotor_free, high)  # Hz, damping ratio
     blocks = _unwhitened_blocks(names, subset(w))
     modes = search_frequencies(blocks, [initial.mode(b.mode_index) for b in blocks], pitching)
     modes = _first_fit(w, names, modes)
-    centre = modes[0].centre
+    axial = modes[0].middle_frequency
     ratios = _PITCH_RATIOS
     if pitching is not None:
-        ratios = pitching[0] / centre * _NEAR
+        ratios = pitching[0] / axial * _NEAR
     modes = _with_best_pitch(_unwhitened_blocks(names, w), modes, ratios)
 
-    w = average_windows(trips, transients, inertia, settings.band_low * centre, settings.band_high * centre)
+    w = average_windows(trips, transients, inertia, settings.band_low * axial, settings.band_high * axial)
     if w is None:
         return None
-    ratios = modes[0].pitch / centre * _NEAR
+    ratios = modes[0].pitch / axial * _NEAR
     modes = _first_fit(w, names, modes)
     modes = _with_best_pitch(_unwhitened_blocks(names, w), modes, ratios)
     return w, modes
@@ -191,7 +207,7 @@ def _unwhitened_blocks(names: Sequence[str], w: Windows) -> list[Block]:
 
 
 def _first_fit(w: Windows, names: Sequence[str], modes: tuple[AxialMode, ...]) -> tuple[AxialMode, ...]:
-    """Fit of compliance, damping and slope alone."""
+    """Modes after a fit of compliance, damping and slope alone."""
     fields = ("compliance", "damping", "slope")
     return fit_modes(_unwhitened_blocks(names, w), modes, fields, most_steps=_FIRST_ITERATIONS)[0]
 
@@ -199,17 +215,17 @@ def _first_fit(w: Windows, names: Sequence[str], modes: tuple[AxialMode, ...]) -
 def _with_best_pitch(
     blocks: Sequence[Block], modes: Sequence[AxialMode], ratios: Array
 ) -> tuple[AxialMode, ...]:
-    """The modes with the best of some pitching frequencies, which are given over the axial one."""
+    """The modes with the pitching frequency that leaves the least power, among ratios to the axial one."""
     solved = [project(b, mode) for b, mode in zip(blocks, modes, strict=True)]
     simulations = [simulate(b, mode) for b, mode in zip(blocks, modes, strict=True)]
-    least, best = math.inf, tuple(modes)
+    least, best = math.inf, tuple(modes)  # cost: sum of the logarithms of the blocks' powers
     for ratio in ratios:
-        pitch = float(ratio) * modes[0].centre
+        pitch = float(ratio) * modes[0].middle_frequency
         trial = tuple(replace(mode, pitch=pitch) for mode in modes)
         cost = 0.0
         for b, mode, simulation, projection in zip(blocks, trial, simulations, solved, strict=True):
             power = remaining_power(b, raw_columns(b, mode, simulation), projection)
-            cost += math.log(max(power, 1e-300))
+            cost += math.log(max(power, 1e-300))  # a power may be 0
         if cost < least:
             least, best = cost, trial
     return best
@@ -218,10 +234,10 @@ def _with_best_pitch(
 def _new_or_worn(
     blocks: Sequence[Block], modes: tuple[AxialMode, ...], profile: Profile
 ) -> tuple[AxialMode, ...]:
-    """Initial modes with a new or a worn nut, whichever fits better.
+    """Modes fitted from a new nut, or from a worn one if that fits clearly better.
 
-    A nut softens up to about three times its preload, where one flank loses contact, and stiffens beyond. The
-    cost may therefore have two minima, and the iteration from a new nut would not reach that of a worn one.
+    A nut softens until the load is about three times its preload, where one flank loses contact, and stiffens
+    beyond. The cost may therefore have two minima, and an iteration from one may not reach the other.
     """
     if not profile.mass_over_preload > 0:
         return modes
@@ -237,12 +253,12 @@ def _new_or_worn(
 def _better_with_expected_nut(
     blocks: Sequence[Block], found: JointFit, variation: LocalVariation, profile: Profile
 ) -> tuple[JointFit, LocalVariation]:
-    """The fit, or that from the expected mass over preload if its residual is clearly smaller.
+    """A fit and its local variation; those from the expected mass over preload if that fits clearly better.
 
     Where the test unloads a nut that has worn locally, the cost has further minima.
     """
-    expected, value = profile.mass_over_preload, found.modes[0].mass_over_preload
-    if not expected > 0 or 1 / OTHER_NUT < expected / value < OTHER_NUT:
+    expected, fitted = profile.mass_over_preload, found.modes[0].mass_over_preload
+    if not expected > 0 or 1 / OTHER_NUT < expected / fitted < OTHER_NUT:
         return found, variation
     modes = tuple(replace(mode, mass_over_preload=expected) for mode in found.modes)
     other, other_variation = fit_profile(blocks, modes, profile, variation, _ITERATIONS)
@@ -252,30 +268,33 @@ def _better_with_expected_nut(
 
 
 def _departs_freely(b: Block, solved: Projection) -> bool:
-    """Whether the residual shows that friction does not matter where the table begins to slide."""
+    """Whether friction is negligible in the residual where the table begins to slide.
+
+    ``solved`` is a fit in motion alone; its model extends to the samples before. Powers in (m/s²)².
+    """
     w = b.windows
     before, after = (round(t * w.rate) for t in _AROUND_SLIP)
     slipping = np.zeros(len(w.place), bool)
     for (start, stop), cell in zip(w.spans, w.cells, strict=True):
-        if cell.condition.endswith("A"):
+        if cell.condition.endswith("A"):  # a departure
             slip = start + int(np.argmax(w.in_motion[start:stop]))
             slipping[max(start, slip - before) : min(stop, slip + after)] = True
     at_slip, elsewhere = slipping & w.from_rest, w.in_motion & ~slipping
     if not at_slip.any() or not elsewhere.any():
         return False
     squares = (b.target - solved.model) ** 2
-    here, noise = float(np.mean(squares[at_slip])), float(np.mean(squares[elsewhere]))
+    residual, noise = float(np.mean(squares[at_slip])), float(np.mean(squares[elsewhere]))
     response = float(np.mean(b.target[at_slip] ** 2))
     limits = (
         _FRICTION_RESIDUAL**2 * noise,
         noise + _FRICTION_RESPONSE**2 * response,
         _HIDES_FRICTION**2 * response,
     )
-    return here < min(limits)
+    return residual < min(limits)
 
 
 def _whitened_blocks(found: JointFit, settings: JointSettings) -> list[Block]:
-    """Blocks of a fit with whitening, except for the one that the motor's motion drives."""
+    """Blocks of a fit, with whitening of those that the torque drives."""
     out = []
     for b, solved in zip(found.blocks, found.solved, strict=True):
         if b.mode_index == ROTOR_HELD:
