@@ -23,8 +23,8 @@ from ballscrew.modal.joint.windows import Windows
 
 ROTOR_FREE, ROTOR_HELD = 0, 1
 """Indices of the two modes: rotor free, and rotor held."""
-_RANK_TOLERANCE = 1e-4  # of the columns' largest singular value: directions with less are not determined
-_ROUNDING = 1e-13  # of a power: smaller differences of powers are rounding
+_RANK_TOLERANCE = 1e-4  # of the columns' largest singular value: smaller ones do not count in the rank
+_ROUNDING = 1e-13  # of a power: smaller differences of two powers are rounding errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +39,13 @@ class Block:
         The data.
     counted : ndarray of bool, shape (n,)
         Samples of the windows that enter the fit.
-    filter : ndarray
+    filter : ndarray, shape (taps,)
         Taps of the filter that whitens the residual; ``[1]`` for none.
     known : ndarray, shape (n, columns)
         Columns that do not depend on the mode.
     ripple : ndarray, shape (n, k)
-        Cosine and sine of forces of the balls and of those that repeat with every turn, over the total
-        inertia, m/s²; their amplitudes are fitted.
+        Cosines and sines of the forces of passing balls and of those that repeat with every turn, as
+        accelerations with an amplitude of 1 m/s²; their true amplitudes are fitted.
     """
 
     name: str
@@ -67,7 +67,7 @@ class Block:
 
     @property
     def target(self) -> Array:
-        """Responses to be explained, shape (n, responses)."""
+        """Responses that the model is fitted to, in the band, m/s², shape (n, responses)."""
         if self.name == "torque-motor":
             return self.windows.motor_band[:, None]
         return self.windows.nut.T
@@ -79,15 +79,15 @@ class Block:
         return [slice(start * width, stop * width) for start, stop in self.windows.spans]
 
     def mean_square(self, residual: Array) -> float:
-        """Mean square of a residual, shape (n, ...), over the whole windows."""
+        """Mean square of a residual, shape (n, ...), over the windows before their ends were cut off."""
         return float(np.mean(residual**2)) * len(residual) / int(self.windows.lengths.sum())
 
 
 @dataclass(frozen=True, slots=True)
 class Projection:
-    """A block with its linear part solved.
+    """Solution of the linear part of a block.
 
-    Whitened signals are also without the free vibration of each window.
+    From whitened signals, the free vibration of each window is removed too.
 
     Parameters
     ----------
@@ -96,14 +96,14 @@ class Projection:
     columns : ndarray, shape (n, columns)
         Whitened columns.
     to_basis : ndarray, shape (columns, rank)
-        ``columns`` times this matrix are orthonormal.
+        ``columns`` times this matrix is an orthonormal basis.
     raw : ndarray, shape (n, columns)
         The columns before they are whitened.
     weights : ndarray, shape (columns, responses)
-        Of the columns in each response.
+        Weights of the columns in each response.
     model : ndarray, shape (n, responses)
-        ``raw`` times ``weights``.
-    free : ndarray, shape (n, columns)
+        ``raw`` times ``weights``, m/s².
+    free : ndarray, shape (n, 2 * modes)
         Free vibration with which each window may begin, whitened and orthonormal.
     target : ndarray, shape (n, responses)
         Whitened responses.
@@ -120,7 +120,7 @@ class Projection:
 
     @property
     def total(self) -> float:
-        """Sum of squares of the target."""
+        """Power of the target: its sum of squares."""
         return float(np.sum(self.target**2))
 
     @property
@@ -129,20 +129,23 @@ class Projection:
         return float(np.sum(self.residual**2)) / max(self.total, 1e-300)
 
     def without_columns(self, values: Array) -> Array:
-        """Whitened signals, shape (n, k), without what the columns explain of them."""
+        """Whitened signals, shape (n, k), less their projection on the columns."""
         return values - self.columns @ (self.to_basis @ self._along_columns(values))
 
     def products(self, values: Array, count: int) -> Array:
-        """AᵀA of :meth:`without_columns`, shape (count, count), in less time.
+        """AᵀA, shape (count, count), of whitened signals less their projection on the columns.
 
-        ``values`` have the shape (n, responses * count); A has a row for each sample and response.
+        ``values`` are the signals, shape (n, responses * count); A, in the same order, has the shape
+        (n * responses, count). Takes less time than the product of :meth:`without_columns` with itself.
         """
         along = self._along_columns(values).reshape(-1, count)
         values = values.reshape(-1, count)
         whole = values.T @ values
-        return whole - along.T @ along + _ROUNDING * np.diag(np.diag(whole))  # no power is below 0
+        rounding = _ROUNDING * np.diag(np.diag(whole))  # so that rounding makes no power negative
+        return whole - along.T @ along + rounding
 
     def _along_columns(self, values: Array) -> Array:
+        """Coordinates of whitened signals in the basis of the columns, shape (rank, k)."""
         return self.to_basis.T @ (self.columns.T @ values)
 
 
@@ -172,10 +175,10 @@ def make_block(
 ) -> Block:
     """A block without whitening.
 
-    Columns that do not depend on the mode: the second derivative of the force, for the modes above the band;
-    for the motor's acceleration also the force and its derivative, since the motor is accelerated by the
-    torque less the spring's force; and the ripple itself. The ripple has a second column, the response of the
-    mode to it: the weights of the two show whether a force acts at the motor or at the nut.
+    Columns that do not depend on the mode: for the motor's acceleration the force and its derivative, since
+    the motor is accelerated by the torque less the spring's force; the second derivative of the force, for
+    the modes above the band; and the ripple itself. Each force of the ripple has a second column, the
+    response of the mode to it: the weights of the two show whether it acts at the motor or at the nut.
 
     Parameters
     ----------
@@ -184,12 +187,14 @@ def make_block(
     w : Windows
         The data.
     from_rest : bool
-        Whether departures are fitted from standstill on. If not, they are once the table slides, and not at
-        all where the table departs against the direction of its arrival, since the guide then sticks longer.
+        Whether departures are fitted from standstill on. If not, they are fitted from the start of sliding,
+        and not at all where the table departs against the direction of its arrival, since the guide then
+        sticks longer.
     ripple : ndarray, shape (n, k), optional
-        See :class:`Block`. A block driven by the motor's motion has none: that motion contains the ripple.
+        Forces at the motor, see :class:`Block`. A block driven by the motor's motion has none: that motion
+        contains their effect.
     balls : ndarray, shape (n, k), optional
-        The same for forces between screw and nut, which the motor's motion does not contain.
+        Forces between screw and nut, whose effect the motor's motion does not contain.
 
     Returns
     -------
@@ -202,12 +207,14 @@ def make_block(
         for (start, stop), reversing in zip(w.spans, w.reversing, strict=True):
             if reversing:
                 counted[start:stop] = False
-    none = np.empty((len(w.place), 0))
+    no_forces = np.empty((len(w.place), 0))
     if balls is None:
-        balls = none
+        balls = no_forces
+    if ripple is None:
+        ripple = no_forces
     if name == "motor-nut":
         return Block(name, w, counted, np.ones(1), _in_band(w, balls), balls)
-    ripple = np.column_stack([balls, none if ripple is None else ripple])
+    ripple = np.column_stack([balls, ripple])
     force_rate = differences(w.force_band, w.first)
     known = [differences(force_rate, w.first)]
     if name == "torque-motor":
@@ -216,12 +223,13 @@ def make_block(
 
 
 def simulate(b: Block, mode: AxialMode) -> Simulation:
-    """Response of the axial mode to the drive of a block; it does not depend on the pitching mode."""
+    """Simulate the response of the axial mode to the drive of a block; the pitching mode has no part in it."""
     w = b.windows
     response, to_ripple = np.empty(len(w.place)), np.empty(b.ripple.shape)
     profile, nut = (mode.compliance, mode.slope, mode.curve), (mode.mass_over_preload, mode.nut_share)
     frame = (mode.frame_coupling, 2 * math.pi * mode.frame, mode.frame_damping)
     parameters = np.array([*profile, mode.damping, *nut, mode.power, *frame])
+    longest_first = np.argsort(w.first[:-1] - w.first[1:])
     simulate_mode(
         b.drive,
         w.place,
@@ -229,7 +237,7 @@ def simulate(b: Block, mode: AxialMode) -> Simulation:
         mode.friction * w.direction + mode.weight,
         b.ripple,
         w.first,
-        np.argsort(w.first[:-1] - w.first[1:]),
+        longest_first,
         parameters,
         SOFTENING,
         w.band.numerator,
@@ -245,9 +253,9 @@ def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None)
     """Columns of a block before whitening, shape (n, columns).
 
     In this order: the table's acceleration; its derivative, for a delay between the channels; for the
-    accelerometers at the nut its second derivative, as the gain rises towards the next mode, and the response
-    of the pitching mode with its derivative; the columns that do not depend on the mode; the response of the
-    mode to the ripple.
+    accelerometers at the nut its second derivative, since their gain rises towards the next mode, and the
+    response of the pitching mode with its derivative; :attr:`Block.known`; the response of the mode to each
+    force of :attr:`Block.ripple`.
     """
     if simulation is None:
         simulation = simulate(b, mode)
@@ -260,7 +268,7 @@ def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None)
 
 
 def pitching_of(b: Block, mode: AxialMode, simulation: Simulation) -> Array:
-    """Response of the pitching mode, shape (n,); empty for the motor's acceleration, which has none."""
+    """Response of the pitching mode, m/s², shape (n,); shape (0,) for the motor, which does not pitch."""
     if b.name == "torque-motor":
         return np.empty(0)
     w, out = b.windows, np.empty(len(b.windows.place))
@@ -270,8 +278,11 @@ def pitching_of(b: Block, mode: AxialMode, simulation: Simulation) -> Array:
 
 
 def ripple_columns(b: Block, mode: AxialMode) -> Array:
-    """The last of :func:`raw_columns`: the ripple in the band, and the response of the mode to it."""
-    first = b.known.shape[1] - b.ripple.shape[1]
+    """The last of :func:`raw_columns`: the ripple in the band, and the response of the mode to it.
+
+    Shape (n, 2 * k) for k forces.
+    """
+    first = b.known.shape[1] - b.ripple.shape[1]  # the ripple in the band is the last part of ``known``
     return np.hstack([b.known[:, first:], simulate(b, mode).to_ripple])
 
 
@@ -284,6 +295,11 @@ def raw_columns_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[
         Those with the same drive have the same windows and ripple.
     modes : sequence of AxialMode
         One per block.
+
+    Returns
+    -------
+    list of ndarray, shape (n, columns)
+        As of :func:`raw_columns`, one per block.
     """
     simulations = simulations_of(blocks, modes)
     return [raw_columns(*each) for each in zip(blocks, modes, simulations, strict=True)]
@@ -302,8 +318,8 @@ def simulations_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[
 
 
 def _in_band(w: Windows, forces: Array) -> Array:
-    """Forces through the filter of the band, each window from rest."""
-    filtered = np.array(forces, order="C")  # one layout: others are compiled for themselves
+    """Forces after the filter of the band, each window from rest; shape of ``forces``."""
+    filtered = np.array(forces, order="C")  # always this layout: pass_band is compiled once for each
     if filtered.size:
         pass_band(w.first, w.band.numerator, w.band.denominator, filtered)
     return filtered
@@ -315,9 +331,10 @@ def _pitch_angular(mode: AxialMode, w: Windows) -> float:
 
 
 def _free_responses(b: Block, mode: AxialMode) -> Array:
-    """Free vibration of each window from its first sample that counts, whitened and orthonormal.
+    """Free vibration of each window from its first counted sample on, whitened and orthonormal.
 
-    At the nut the pitching mode is part of it: the table may already pitch when a window begins.
+    Shape (n, 2 * modes). The modes are the axial mode, that of the frame where it moves, and at the nut the
+    pitching mode: the table may already pitch when a window begins.
     """
     w = b.windows
     begin = np.array([start + int(np.argmax(b.counted[start:stop])) for start, stop in w.spans])
@@ -331,7 +348,10 @@ def _free_responses(b: Block, mode: AxialMode) -> Array:
 
 
 def whiten(b: Block, values: Array, free: Array) -> Array:
-    """Whiten signals and remove the free vibration of each window; 0 at samples that do not count."""
+    """Whiten signals, shape (n, k), and remove the free vibration of each window.
+
+    ``free`` is that vibration, as of :class:`Projection`. Samples that are not counted are 0 in the result.
+    """
     out = np.empty(values.shape)
     whiten_windows(np.ascontiguousarray(values), b.windows.first, b.filter, b.counted, free, out)
     return out
@@ -346,9 +366,9 @@ def project(b: Block, mode: AxialMode, free: Array | None = None, raw: Array | N
         Data.
     mode : AxialMode
         The mode.
-    free : ndarray, optional
+    free : ndarray, shape (n, 2 * modes), optional
         Free vibration of the windows; by default that of ``mode``.
-    raw : ndarray, optional
+    raw : ndarray, shape (n, columns), optional
         Columns of ``mode``; by default :func:`raw_columns` computes them.
 
     Returns
@@ -362,6 +382,7 @@ def project(b: Block, mode: AxialMode, free: Array | None = None, raw: Array | N
     if raw is None:
         raw = raw_columns(b, mode)
     columns = whiten(b, raw, free)
+    # An eigenvalue of the products is the square of a singular value of the columns.
     to_basis = orthonormaliser(columns.T @ columns, _RANK_TOLERANCE**2)
     weights = to_basis @ (to_basis.T @ (columns.T @ target))
     residual = target - columns @ weights
@@ -369,7 +390,7 @@ def project(b: Block, mode: AxialMode, free: Array | None = None, raw: Array | N
 
 
 def remaining_power(b: Block, raw: Array, reference: Projection) -> float:
-    """Sum of squares of the residual alone, in less time than by :func:`project`.
+    """Power (sum of squares) of the residual alone, in less time than by :func:`project`.
 
     Parameters
     ----------
@@ -383,7 +404,7 @@ def remaining_power(b: Block, raw: Array, reference: Projection) -> float:
     Returns
     -------
     float
-        Computed as the difference of two powers, with its rounding error.
+        Computed as a difference of two powers, hence with a rounding error; never 0 unless the target is.
     """
     columns = whiten(b, raw, reference.free)
     to_basis = orthonormaliser(columns.T @ columns, _RANK_TOLERANCE**2)
@@ -399,8 +420,8 @@ def orthonormaliser(products: Array, tolerance: float) -> Array:
     products : ndarray, shape (columns, columns)
         AᵀA.
     tolerance : float
-        Directions whose eigenvalue, for columns scaled to length 1, is below this part of the largest one are
-        left out.
+        For columns scaled to length 1: directions whose eigenvalue of AᵀA is not above this part of the
+        largest one are excluded.
     """
     length = np.sqrt(np.maximum(np.diag(products), 0.0))
     length[length == 0] = 1.0  # a column of zeros
@@ -410,7 +431,7 @@ def orthonormaliser(products: Array, tolerance: float) -> Array:
 
 
 def with_whitening(b: Block, residual: Array, floor: float) -> Block:
-    """The block with a filter that whitens its residual, down to a floor.
+    """The block with a filter that whitens its residual above a floor of white noise.
 
     Parameters
     ----------
@@ -419,14 +440,14 @@ def with_whitening(b: Block, residual: Array, floor: float) -> Block:
     residual : ndarray, shape (n, responses)
         Residual of the block without a filter.
     floor : float
-        Power of the white noise added to the residual before the filter is computed, over that of the
-        residual. Without it the fit would follow the frequencies with little noise, where errors of the model
-        dominate.
+        Power of white noise that is added to the residual before the filter is computed, over that of the
+        residual. Without it, frequencies with little noise, where errors of the model dominate, would have
+        most weight.
 
     Returns
     -------
     Block
-        With an autoregressive filter.
+        With the filter of an autoregressive model.
     """
     taps = whitening_filter([residual[start:stop] for start, stop in b.windows.spans], floor)
     return replace(b, filter=taps)

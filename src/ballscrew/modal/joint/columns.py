@@ -18,7 +18,9 @@ BELOW_NYQUIST = 0.45
 def pitching_response(
     acceleration: Array, first: NDArray[np.int64], frequency: float, damping: float, dt: float, out: Array
 ) -> None:
-    """Response of the pitching mode of the table to its acceleration, each window from rest.
+    """Response of the table's pitching mode, of unit gain at low frequency, to its axial acceleration.
+
+    Each window begins at rest.
 
     Parameters
     ----------
@@ -33,7 +35,7 @@ def pitching_response(
     out : ndarray, shape (n,)
         Filled with the response, m/s².
     """
-    # Bilinear transform, warped so that the resonance stays in place.
+    # Bilinear transform, prewarped so that the resonance stays at its frequency.
     square = frequency * frequency
     k = frequency / math.tan(frequency * dt / 2)
     a0 = k * k + 2 * damping * frequency * k + square
@@ -63,7 +65,7 @@ def differences(values: Array, first: NDArray[np.int64]) -> Array:
     Returns
     -------
     ndarray, shape (n,)
-        Per sample; 0 in a window of one sample.
+        Derivative per sample, in the unit of ``values``; 0 in a window of a single sample.
     """
     out = np.zeros(values.shape[0])
     for window in range(first.shape[0] - 1):
@@ -89,10 +91,10 @@ def fill_columns(
     Parameters
     ----------
     response : ndarray, shape (n,)
-        Of the axial mode. Columns: the response and its derivative.
+        Response of the axial mode, m/s². Columns: the response and its derivative.
     pitching : ndarray, shape (n,)
-        Response of the pitching mode, for a block with the nut's response; else empty. Further columns: the
-        second derivative of ``response``, the response of the pitching mode and its derivative.
+        Response of the pitching mode, m/s², for a block with the nut's response; else empty. Further columns:
+        the second derivative of ``response``, the response of the pitching mode and its derivative.
     known : ndarray, shape (n, m)
         Columns that do not depend on the mode.
     ripple : ndarray, shape (n, k)
@@ -131,20 +133,20 @@ def fill_change(
     step: float,
     change: Array,
 ) -> None:
-    """Fill the change of a model: columns times their weights, less the model as it is.
+    """Fill the difference quotient of a model: columns times weights, less the present model, over the step.
 
     Parameters
     ----------
     response, pitching, ripple, first
         As for :func:`fill_columns`, without columns that do not depend on the mode.
     weights : ndarray, shape (2 + k, responses) or (5 + k, responses)
-        Of the columns in each response.
+        Weights of the columns in each response.
     now : ndarray, shape (n, responses)
-        The model as it is.
+        The present model, without columns that do not depend on the mode, m/s².
     step : float
-        Divides the change.
+        Change of the parameter by which the columns differ from those of the present model.
     change : ndarray, shape (n, responses)
-        Filled.
+        Filled, m/s² per unit of the parameter.
     """
     nut = pitching.shape[0] > 0
     own = 5 if nut else 2

@@ -193,8 +193,8 @@ def expected_mass_over_preload(
 def total_inertia(trips: Sequence[TripSignals]) -> float | None:
     """Total inertia, in units of the recorded force per m/s²; None if the trips do not determine it.
 
-    The force of the moving axis is the sum of inertia, Coulomb friction, viscous friction and an offset. Their
-    four coefficients are fitted by least squares over all trips.
+    The force of the moving axis is the sum of inertia, Coulomb friction, viscous friction and an offset, with
+    four coefficients that are fitted by least squares over all trips.
     """
     normal_matrix, products = np.zeros((4, 4)), np.zeros(4)
     for trip in trips:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ballscrew.base.arrays import Array
+from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.joint.blocks import (
     ROTOR_HELD,
@@ -276,7 +277,7 @@ def _departs_freely(b: Block, solved: Projection) -> bool:
     before, after = (round(t * w.rate) for t in _AROUND_SLIP)
     slipping = np.zeros(len(w.place), bool)
     for (start, stop), cell in zip(w.spans, w.cells, strict=True):
-        if cell.condition.endswith("A"):  # a departure
+        if Condition(cell.condition).accelerating:
             slip = start + int(np.argmax(w.in_motion[start:stop]))
             slipping[max(start, slip - before) : min(stop, slip + after)] = True
     at_slip, elsewhere = slipping & w.from_rest, w.in_motion & ~slipping

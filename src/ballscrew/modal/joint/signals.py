@@ -16,8 +16,8 @@ from ballscrew.modal.cell import TransientRow, transient_rows
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.decimate import Decimator
 
-_TAPS = 32  # of the filter, per sample at the new rate
-_PASS = 0.8  # cut-off frequency over half the new rate
+_TAPS = 32  # length of the decimation filter, in samples at the new rate
+_PASS = 0.8  # cut-off frequency of this filter, over half the new rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +35,12 @@ class TripSignals:
     response : ndarray, shape (n_responses, n)
         Accelerations along the axis at the nut, m/s²; no rows where there is no accelerometer.
     rounding : float
-        Power of the rounding of the force to its steps, in its unit squared per hertz.
+        Power spectral density of the error of the force by rounding to its steps, in its unit squared per
+        hertz.
     name : str
         Of the recording.
     motor : ndarray, shape (n,), optional
-        Acceleration of the motor by its speed, m/s²; without it that of the position is used.
+        Acceleration of the motor, derived from its speed, m/s²; if absent, it is derived from the position.
     """
 
     rate: float
@@ -72,8 +73,8 @@ def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
     Returns
     -------
     TripSignals
-        At the recording's rate over a whole number. The filter has no delay and is the same for all channels,
-        so it does not change the relations between them.
+        At a rate that is the recording's divided by a whole number. The filter has no delay and is the same
+        for all channels, so it does not change the relations between them.
 
     Raises
     ------
@@ -94,9 +95,12 @@ def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
 
 
 def _rounding(force: Array, rate: float) -> float:
-    """Power per hertz of the rounding: step²/12, spread from 0 to half the rate of the signal's changes."""
+    """Power spectral density of the rounding error of a force, in its unit squared per hertz.
+
+    Its power is step²/12, spread evenly from 0 to half the rate at which the signal changes.
+    """
     steps = np.diff(np.unique(force))
-    changes = np.count_nonzero(np.diff(force)) / max(len(force) - 1, 1) * rate
+    changes = np.count_nonzero(np.diff(force)) / max(len(force) - 1, 1) * rate  # per second
     if not len(steps) or not changes > 0:
         return 0.0
     return float(np.median(steps)) ** 2 / 12 / (changes / 2)
@@ -109,14 +113,14 @@ def position_range(trips: Sequence[TripSignals]) -> tuple[float, float]:
 
 
 def decimated(trip: TripSignals, rate: float) -> TripSignals:
-    """Trip at a lower rate, not below ``rate`` (Hz)."""
+    """Trip at the lowest rate, not below ``rate`` (Hz), that is its own divided by a whole number."""
     step = max(1, int(trip.rate / rate + 1e-9))
     if step == 1:
         return trip
-    rows = _decimator(step)(trip.channels, 0, len(trip.force))
+    rows = _decimator(step)(trip.channels, 0, len(trip.force))  # in the order of TripSignals.channels
+    force, position, response = rows[0], rows[1], rows[2 : 2 + len(trip.response)]
     motor = None if trip.motor is None else rows[-1]
-    response = rows[2 : 2 + len(trip.response)]
-    return TripSignals(trip.rate / step, rows[0], rows[1], response, trip.rounding, trip.name, motor)
+    return TripSignals(trip.rate / step, force, position, response, trip.rounding, trip.name, motor)
 
 
 def complete_transients(transients: xr.Dataset) -> tuple[TransientRow, ...]:
@@ -126,6 +130,7 @@ def complete_transients(transients: xr.Dataset) -> tuple[TransientRow, ...]:
 
 @lru_cache(maxsize=16)
 def _decimator(step: int) -> Decimator:
+    """Low-pass filter that returns every ``step``-th sample."""
     from scipy.signal import firwin
 
     taps = np.asarray(firwin(_TAPS * step + 1, _PASS / step))

@@ -5,16 +5,20 @@ the table is. With q the spring's deflection and w(x) the angular frequency at t
 
     q'' = drive − w² q − 2 ζ w q',  a = w² q + 2 ζ w q',
 
-where a is the table's acceleration. The same equation has two uses. With the motor's force over the total
-mass as drive, w is the frequency with the rotor free. With the motor's measured acceleration as drive, w is
-the frequency with the rotor held.
+where ζ is the damping ratio and a the table's acceleration. The same equation has two uses. With the motor's
+force over the total mass as drive, w is the frequency with the rotor free. With the motor's measured
+acceleration as drive, w is the frequency with the rotor held.
 
-The spring pushes against the machine's frame. A frame with a mode near w moves by x, which adds to the
-deflection:
+The spring pushes against the machine's frame. A frame with a mode near w, with angular frequency w_f and
+damping ratio ζ_f, moves by x, which adds to the deflection:
 
     x'' = −ν a − w_f² x − 2 ζ_f w_f x',  q'' = drive − a + x''.
 
-w is then the frequency with the frame blocked. ν = 0 is a frame that does not move.
+w is then the frequency with the frame blocked. The coupling ν is the moving mass over that of the frame, with
+the rotor free times the rotor's part of the total mass; 0 for a frame that does not move.
+
+In the compiled functions a stiffness is divided by the mass, so its unit is 1/s²; ``parameters`` is the array
+described in :func:`simulate_mode`.
 """
 
 from __future__ import annotations
@@ -28,15 +32,15 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.compilation import compiled
 
 LOAD_STEP = 0.02
-"""Step of the loads F/P at which :data:`SOFTENING` is tabled."""
+"""Step of the loads F/P (load on the nut over its preload) at which :data:`SOFTENING` is tabulated."""
 
 _LOW, _HIGH, _NODES = 0.2, 3.0, 701
-"""Range and number of the tabled stiffnesses, over the stiffness in the middle of the axis at rest."""
+"""Tabulated stiffnesses: least and largest, over that at rest in the middle of the axis, and number."""
 
 LEAST_COMPLIANCE = 0.1
 """Least compliance along the axis, over that in the middle: the fit may try profiles that fall below 0."""
 
-_LEAST_LINEAR_LOAD = 1e-3  # F/P: at smaller loads the secant stiffness is that of this load, and not 0/0
+_LEAST_LINEAR_LOAD = 1e-3  # F/P: at smaller loads the secant stiffness is that at this load, and not 0/0
 
 LEAST_NUT = 0.3
 """Least compliance of the nut at a stop, over that in the middle: a local stiffening goes no further."""
@@ -45,20 +49,22 @@ MOST_SHARE = 0.95
 """Largest share of the compliance that the nut can have: the other parts are never rigid."""
 
 
-_TOGETHER = 8  # windows simulated in step: 38 % less time for 40 windows than one by one; 4 and 16 alike
+# Windows simulated sample by sample side by side, so that the processor overlaps their operations: 38 % less
+# time for 40 windows than one after the other; 4 and 16 take as long as 8.
+_TOGETHER = 8
 
 
 def _softening() -> Array:
-    """Relative growth of the nut's secant compliance at loads F/P on an even grid.
+    """Relative growth of the nut's secant compliance at the loads F/P = 0, LOAD_STEP, ...; shape (1500,).
 
     The nut's two flanks are pressed against each other by the preload P; each is a Hertz contact, force
     proportional to approach^1.5. A load F moves the nut by u, in units of the approach under P:
 
         F/P = (1 + u)^1.5 - (1 - u)^1.5,
 
-    without the second term from u = 1 on, where that flank has lost contact. The stiffness at rest is the
-    slope at u = 0, 3 P per unit of u; so at rest stiffness F/P would be 3 u, and the secant compliance at a
-    load, over that at rest, is 3 u / (F/P).
+    without the second term from u = 1 on, where that flank has lost contact. The stiffness without load is
+    the slope at u = 0, 3 P per unit of u. With it F/P would be 3 u; so the secant compliance at a load, over
+    that without load, is 3 u / (F/P).
     """
     u = np.linspace(0.0, 10.0, 20001)[1:]
     load = (1 + u) ** 1.5 - np.maximum(1 - u, 0.0) ** 1.5
@@ -73,7 +79,7 @@ SOFTENING = _softening()
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _growth(load: float, softening: Array) -> float:
-    """Growth of the secant compliance at a load over the preload, from the table."""
+    """Relative growth of the nut's secant compliance at a load F/P, from the table :data:`SOFTENING`."""
     at = min(softening.shape[0] - 2.0, abs(load) / LOAD_STEP)  # in this order nan gives the end of the table
     k = np.uint64(at)  # unsigned: an index that may be negative takes longer
     return float(softening[k] + (at - k) * (softening[k + np.uint64(1)] - softening[k]))
@@ -81,9 +87,10 @@ def _growth(load: float, softening: Array) -> float:
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _load_ratio(linear: float, share: float, softening: Array) -> float:
-    """Force over preload, from ``linear``, what it would be at the same deflection if nothing softened.
+    """Load F/P of the nut from ``linear``, the F/P at the same deflection of a nut that does not soften.
 
-    The softening depends on the force itself: two steps of a fixed-point iteration.
+    ``share`` is the nut's share of the compliance at rest. The softening depends on the load itself, which is
+    found by two steps of a fixed-point iteration.
     """
     first = linear / (1 + share * _growth(linear, softening))
     return float(linear / (1 + share * _growth(first, softening)))
@@ -91,15 +98,15 @@ def _load_ratio(linear: float, share: float, softening: Array) -> float:
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _deflection(load: float, share: float, softening: Array) -> float:
-    """Inverse of :func:`_load_ratio`: ``linear`` of a force over the preload."""
+    """Inverse of :func:`_load_ratio`: ``linear`` at a load F/P."""
     return float(load * (1 + share * _growth(load, softening)))
 
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _factors(square: float, parameters: Array, dt: float) -> tuple[float, float]:
-    """Factors of the deflection (1/s²) and of its rate (1/s) in the acceleration of a step.
+    """Factors of the deflection (1/s²) and of its rate (1/s) in the acceleration a of a step.
 
-    With them the difference equation has the poles of the differential one at the stiffness ``square``, w².
+    With them the difference equation has the poles of the differential equation at ``square`` = w².
     """
     compliance, damping, power = parameters[0], parameters[3], parameters[6]
     # ζ ∝ w^power, by the first terms of its series: stiffnesses along an axis differ by tens of percent.
@@ -110,7 +117,7 @@ def _factors(square: float, parameters: Array, dt: float) -> tuple[float, float]
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _exact_factors(omega: float, zeta: float, dt: float) -> tuple[float, float]:
-    """Factors of deflection (1/s²) and rate (1/s) with the poles of this frequency (rad/s) and damping."""
+    """As :func:`_factors`, for a frequency (rad/s) and a damping ratio."""
     angle = min(omega * dt, 2.0)  # rad per sample; beyond 2 the mode is not sampled
     decay = math.exp(-zeta * angle)
     cosine = math.cos(angle * math.sqrt(1 - zeta * zeta))
@@ -119,17 +126,21 @@ def _exact_factors(omega: float, zeta: float, dt: float) -> tuple[float, float]:
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _central(stiff: float, damp: float, dt: float) -> tuple[float, float]:
-    """Stiffness, and half of the damping times Δt: the same poles for a rate in the middle of the step."""
+    """Stiffness (1/s²) and damping times Δt/2 that give the same poles if the rate is the mean over a step.
+
+    ``stiff`` and ``damp`` are the factors of :func:`_factors`, for the rate at the start of a step.
+    """
     half = damp * dt / (2 - damp * dt)
     return stiff * (1 + half), half
 
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _frame_factors(square: float, parameters: Array, dt: float) -> tuple[float, float, float]:
-    """Coupling of the frame and its factors as of :func:`_central`; ``square`` is w² of the axial mode.
+    """Coupling of the frame, and its stiffness and damping as of :func:`_central`; ``square`` is w².
 
-    A frequency w of the difference equation is w (1 − (w Δt)²/24). The exact factors correct each mode alone;
-    the factor of the coupling corrects the coupled modes, to first order in their distance from w.
+    A difference equation with the stiffness w² oscillates at w (1 + (w Δt)²/24). The exact factors correct
+    this for each mode alone; the factor of the coupling corrects it for the coupled modes, to first order in
+    their distance from w.
     """
     angular = parameters[8]
     stiff, half = _central(*_exact_factors(angular, parameters[9], dt), dt)
@@ -140,15 +151,16 @@ def _frame_factors(square: float, parameters: Array, dt: float) -> tuple[float, 
 def _step_with_frame(
     drive: float, stiff: float, damp: float, frame: tuple[float, float, float], dt: float, state: Array
 ) -> float:
-    """Step of deflection and frame; returns a. ``state`` has both, each with its rate, and is changed.
+    """One step of axis and frame; returns the acceleration a of the table, m/s².
 
-    Rates in the middle of the step: the forces are then in phase also at the frequencies of the coupled
+    ``state`` is changed: deflection (m) and its rate, displacement of the frame (m) and its rate. Damping
+    acts on the mean rate over the step, so that its force is in phase also at the frequencies of the coupled
     modes, which are not those of the exact factors.
     """
     coupling, frame_stiff, frame_half = frame
     stiff, half = _central(stiff, damp, dt)
     share = 1 / (1 + frame_half)
-    # Without the parts of this step's accelerations, which are solved for.
+    # Forces by the state before the step; damping by the step's own accelerations is solved for below.
     spring = stiff * state[0] + 2 * half / dt * state[1]
     mounts = frame_stiff * state[2] + 2 * frame_half / dt * state[3]
     change = (drive - spring - share * (coupling * spring + mounts)) / (1 + half * (1 + share * coupling))
@@ -163,10 +175,11 @@ def _step_with_frame(
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _factor_table(parameters: Array, dt: float) -> Array:
-    """Both factors at the tabled stiffnesses, each as a parabola through its neighbours; shape (nodes, 6).
+    """Both factors of :func:`_factors` at the nodes of the table; shape (nodes, 6).
 
-    They depend on the stiffness alone; to compute cosine and exponential in every sample would take half of
-    the time of a simulation.
+    Three columns for each factor: coefficients of the parabola through a node and its neighbours, by powers
+    of the distance in nodes. Cosine and exponential in every sample would take half of the time of a
+    simulation.
     """
     width = (_HIGH - _LOW) / (_NODES - 1)
     value = np.empty((_NODES + 2, 2))
@@ -185,7 +198,7 @@ def _factor_table(parameters: Array, dt: float) -> Array:
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _tabled_factors(square: float, parameters: Array, table: Array, dt: float) -> tuple[float, float]:
-    """As :func:`_factors`, from the table within its range."""
+    """As :func:`_factors`, from the table of :func:`_factor_table` within its range."""
     at = (square * parameters[0] - _LOW) * (_NODES - 1) / (_HIGH - _LOW)
     if not 0 <= at <= _NODES - 1:
         return _factors(square, parameters, dt)
@@ -199,10 +212,10 @@ def _tabled_factors(square: float, parameters: Array, table: Array, dt: float) -
 def _along_axis(
     place: Array, local: Array, constant_force: Array, parameters: Array, softening: Array
 ) -> Array:
-    """What the place determines in every sample, shape (n, 5).
+    """Quantities that depend on the position alone, for every sample, shape (n, 5).
 
-    w² at rest, rad²/s². Of a nut that softens, else 0: ``linear`` of :func:`_load_ratio` per deflection, 1/m;
-    the nut's share of the compliance; ``linear`` and load ratio of the constant force.
+    Columns: w² at rest, rad²/s²; and, of a nut that softens (else 0), ``linear`` of :func:`_load_ratio` per
+    deflection, 1/m; the nut's share of the compliance; ``linear`` and F/P of the constant force.
     """
     slope, curve, nut_share = parameters[1], parameters[2], parameters[5]
     square, per_share = 1 / parameters[0], 1 / nut_share
@@ -226,7 +239,10 @@ def _along_axis(
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _secant(linear: float, share: float, constant: float, constant_ratio: float, softening: Array) -> float:
-    """Secant stiffness over that at rest; it starts from the load of friction and weight (``constant``)."""
+    """Secant stiffness over that at rest, from the constant force to the load of the moment.
+
+    ``constant`` and ``constant_ratio`` are ``linear`` and F/P of the constant force, friction and weight.
+    """
     if abs(linear) < _LEAST_LINEAR_LOAD:
         linear = _LEAST_LINEAR_LOAD
     return float((_load_ratio(linear + constant, share, softening) - constant_ratio) / linear)
@@ -252,7 +268,7 @@ def simulate_mode(  # noqa: PLR0913  the compiled part of a simulation
     """Simulate all windows, each from rest.
 
     The step is exact for a constant stiffness: frequency and damping of the difference equation are those of
-    the differential one. The usual semi-implicit step would ring at a frequency that is too high, by the
+    the differential equation. The usual semi-implicit step would ring at a frequency that is too high, by the
     relative amount ζ w Δt / 2.
 
     Parameters
@@ -260,18 +276,18 @@ def simulate_mode(  # noqa: PLR0913  the compiled part of a simulation
     drive : ndarray, shape (n,)
         m/s², about 0 where a window starts.
     place : ndarray, shape (n,)
-        Of the table, m, from the middle of the axis.
+        Position of the table from the middle of the axis, m.
     local : ndarray, shape (n,)
-        What local wear adds to the compliance there, as a fraction of the compliance in the middle.
+        Compliance added by local wear there, over the compliance in the middle.
     constant_force : ndarray, shape (n,)
-        Friction and weight on the nut, as an acceleration, m/s².
+        Friction and weight on the nut over the moving mass, m/s².
     ripple : ndarray, shape (n, k)
         Further forces, as accelerations, m/s², about 0 where a window starts. They are too small to soften
-        the nut, so the response to them is linear in each.
+        the nut, so the response to each is linear in it.
     first : ndarray, shape (windows + 1,)
-        First sample of each window.
+        First sample of each window, and the end of the last.
     order : ndarray, shape (windows,)
-        Of the windows, the longest first: windows in step are of similar length.
+        Indices of the windows, the longest first: those simulated side by side are then of similar length.
     parameters : ndarray, shape (10,)
         Of :class:`~ballscrew.modal.joint.mode.AxialMode`: compliance, slope, curve, damping,
         mass_over_preload, nut_share, power; of the frame: coupling, angular frequency (rad/s), damping ratio.
@@ -282,9 +298,10 @@ def simulate_mode(  # noqa: PLR0913  the compiled part of a simulation
     dt : float
         Time between samples, s.
     out : ndarray, shape (n,)
-        Filled with a in the band.
+        Filled with the table's acceleration a in the band, m/s².
     ripple_response : ndarray, shape (n, k)
-        Filled with a in the band under each force of ``ripple``, with the stiffness that ``drive`` causes.
+        Filled with a in the band under each force of ``ripple`` alone, m/s², at the stiffness that results
+        from ``drive``.
     """
     frame = _frame_factors(1 / parameters[0], parameters, dt)
     table = _factor_table(parameters, dt)
@@ -311,7 +328,7 @@ def _respond_to_drive(
     factors: Array,
     out: Array,
 ) -> None:
-    """Fill a of all windows before the filter of the band, and the factors of each step."""
+    """Fill ``out`` with a before the filter of the band, and ``factors`` with those of each step."""
     states = np.empty((_TOGETHER, 4))  # deflection and frame, each with its rate
     for begin in range(0, order.shape[0], _TOGETHER):
         windows = order[begin : begin + _TOGETHER]
@@ -345,7 +362,7 @@ def _respond_to_ripple(
     dt: float,
     out: Array,
 ) -> None:
-    """Fill a under each force of the ripple, before the band's filter."""
+    """Fill ``out`` with a under each force of the ripple, before the filter of the band."""
     for window in range(first.shape[0] - 1):
         states, with_frame = np.zeros((2, ripple.shape[1])), np.zeros((ripple.shape[1], 4))
         for i in range(first[window], first[window + 1]):

@@ -1,8 +1,8 @@
 """One window of signals for each cell: its transients of all trips, aligned and averaged.
 
-The channels of a trip are shifted by the same time, so force, motor and table are related in the average as
-in each trip. Noise differs from trip to trip: an average over n trips contains n times less of its power, and
-n times less of the bias that arises where the servo feeds noise back into the torque.
+All channels of a trip are shifted by the same time, so force, motor and table are related in the average as
+in each trip. Noise differs from trip to trip: an average over n trips contains 1/n of its power, and 1/n of
+the bias that arises where the servo feeds noise back into the torque.
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.cell import CellKey, TransientRow
 from ballscrew.modal.joint.signals import TripSignals, position_range
 
-# Limits in time, s.
-BEFORE = 0.025  # length of a window before the acceleration phase begins
-AFTER = 0.16  # length of a window after the phase has ended, at most
-_GAP = 0.005  # least distance between the end of a window and the next phase
+# Times, s.
+BEFORE = 0.025  # from the start of a window to the start of its acceleration phase
+AFTER = 0.16  # from the end of the phase to the end of the window, at most
+_GAP = 0.005  # from the end of a window to the next phase, at least
 _LARGEST_SHIFT = 0.004  # largest error of a phase's start as found in the position
 _ZERO_FORCE = 0.003  # at the start of a window: the mean force of this time is subtracted
 _FILTER_SETTLES = 0.008  # at the start of a window: not fitted, since the band's filter settles
-_AFTER_SLIP = 0.005  # a departure is fitted from this time after the table begins to slide
+_AFTER_SLIP = 0.005  # from the first sample in which the table slides to the first that is fitted
+_LEAST_COUNTED = 0.02  # shortest fitted part of a window
+_SHORTER = 0.02  # by which the window of a transient may be shorter than the median of its cell
+
 _FOR_DERIVATIVES = 2  # samples of a window after the last one that is fitted: for second derivatives there
-_LEAST_COUNTED = 0.02  # fitted part of a window
-_SHORTER = 0.02  # by which a transient may be shorter than the median of its cell
 
 # Effects of the next three on the frequency: docs/explanation/identification.md, "Why the model has these
 # parts".
@@ -39,10 +40,10 @@ _SLIDING = 0.02  # m/s: below it friction still falls from its static to its sli
 _SLIDING_PART = 0.25  # of the highest speed: the limit for motions slower than 0.08 m/s
 _STANDSTILL = 2e-3  # m/s: below it the guide may hold the table by static friction
 
-_LARGEST_DEVIATION = 0.05  # rms of a trip's speed from that of the median trip, over the peak speed
-_LEAST_SUBSET = 12  # cells
-_HIGHEST = 0.42  # of the sampling rate: upper limit of the band
-_CONDITIONS = [str(condition) for condition in Condition]
+_LARGEST_DEVIATION = 0.05  # rms deviation of a trip's speed from the median of the trips, over the peak speed
+_LEAST_SUBSET = 12  # cells: about so many are in a subset
+_HIGHEST = 0.42  # highest upper limit of a band, over the sampling rate
+_CONDITIONS = [str(condition) for condition in Condition]  # in the order in which cells are sorted
 
 _FORCE, _SPEED, _NUT = 0, 3, 6  # rows of the averaged channels
 
@@ -93,13 +94,13 @@ class CellWindow(NamedTuple):
     from_rest, in_motion : ndarray of bool, shape (n,)
         As in :class:`Windows`.
     length : int
-        One of ``lengths`` of :class:`Windows`.
+        Samples of the window before its end, of which nothing is fitted, was cut off.
     direction : float
         +1 or -1, the direction of motion.
     reversing : bool
-        Whether the cell departs against the direction of its arrival: the guide then sticks longer.
+        Whether the table departs against the direction in which it arrived: the guide then sticks longer.
     pieces : tuple of (trip, first sample) pairs
-        The pieces of the recordings that were averaged.
+        The pieces of the recordings that were averaged: index of the trip, and of its first sample.
     """
 
     cell: CellKey
@@ -125,7 +126,7 @@ class Windows:
     middle : float
         Middle of the axis, m.
     separate : tuple of CellWindow
-        The windows one by one.
+        The same windows before concatenation.
     cells, reversing, pieces : tuple
         Of each window, as in :class:`CellWindow`.
     first : ndarray, shape (cells + 1,)
@@ -135,8 +136,8 @@ class Windows:
     in_motion : ndarray of bool, shape (n,)
         The same without the samples of a departure before the table slides.
     lengths : ndarray, shape (cells,)
-        Samples of each window before its end was cut off, where nothing is fitted: the mean square of a
-        residual, and so the weight of a block, is over these.
+        Samples of each window before its end, of which nothing is fitted, was cut off. The mean square of a
+        residual, and so the weight of a block, refers to this number.
     direction : ndarray, shape (n,)
         +1 or -1, the direction of motion of the window.
     force : ndarray, shape (n,)
@@ -144,9 +145,9 @@ class Windows:
     motor, place, speed : ndarray, shape (n,)
         Acceleration (m/s²), position from ``middle`` (m) and speed (m/s), from the motor's encoder.
     force_band, motor_band : ndarray, shape (n,)
-        ``force`` and ``motor`` in the band, m/s².
+        ``force`` and ``motor`` after the filter of the band, m/s².
     nut : ndarray, shape (responses, n)
-        Accelerations at the nut in the band, m/s².
+        Accelerations at the nut after the filter of the band, m/s².
     """
 
     rate: float
@@ -171,7 +172,7 @@ class Windows:
 
     @property
     def spans(self) -> list[tuple[int, int]]:
-        """First sample of each window and the one after its last."""
+        """Index of the first sample of each window, and of the sample after its last."""
         return list(zip(self.first[:-1].tolist(), self.first[1:].tolist(), strict=True))
 
     @property
@@ -219,9 +220,9 @@ def average_windows(
 def _concatenate(rate: float, band: Band, middle: float, windows: Sequence[CellWindow]) -> Windows:
     """Windows of cells, one after the other."""
     cells, channels, from_rest, in_motion, lengths, direction, reversing, pieces = zip(*windows, strict=True)
-    samples = [*map(len, from_rest)]
+    samples = [len(window) for window in from_rest]
     joined = np.concatenate(channels, axis=1)
-    signals = (*joined[:_NUT], joined[_NUT:])
+    signals = (*joined[:_NUT], joined[_NUT:])  # in the order of the last fields of Windows
     return Windows(
         rate,
         band,
@@ -240,9 +241,9 @@ def _concatenate(rate: float, band: Band, middle: float, windows: Sequence[CellW
 
 
 def subset(w: Windows) -> Windows:
-    """Every k-th window, at most 23 of them: enough for the first fits, in less time."""
+    """Every k-th window, for the first fits: at most 23, and at least 8 if there are so many."""
     step = max(1, len(w.cells) // _LEAST_SUBSET)
-    step += step % 2 == 0  # four conditions a stop: an even step would omit some
+    step += step % 2 == 0  # a stop has four conditions: an even step would omit some of them
     return select_cells(w, range(0, len(w.cells), step))
 
 
@@ -265,7 +266,7 @@ def select_cells(w: Windows, selected: Sequence[int]) -> Windows:
 
 
 def _channels(trip: TripSignals, inertia: float, middle: float, band: Band) -> Array:
-    """Channels of a trip, in the rows of :class:`CellWindow`."""
+    """Signals of a whole trip in the rows of :attr:`CellWindow.channels`."""
     from scipy.signal import sosfilt
 
     x = trip.position
@@ -282,7 +283,10 @@ def _channels(trip: TripSignals, inertia: float, middle: float, band: Band) -> A
 def _complete_windows(
     trips: Sequence[TripSignals], transients: Sequence[TransientRow]
 ) -> list[tuple[CellKey, list[tuple[int, int]], int]]:
-    """For each cell the (trip, first sample) of its complete windows, and their common length in samples."""
+    """For each cell the (trip, first sample) of its complete windows, and their common length in samples.
+
+    A window is complete if the samples for a shift are recorded too, and the next phase does not cut it.
+    """
     rate = trips[0].rate
     margin = round(_LARGEST_SHIFT * rate) + 2
     out = []
@@ -304,10 +308,10 @@ def _windows_by_cell(
 ) -> dict[CellKey, list[tuple[int, int, int]]]:
     """The (trip, first sample, length in samples) of the window of every transient, by cell.
 
-    A window ends before the next phase of its trip, so the transients are listed from the last to the first.
+    A window ends before the next phase of its trip.
     """
     found: dict[CellKey, list[tuple[int, int, int]]] = {}
-    following = None
+    following = None  # the next transient: they are visited from the last to the first
     for transient in sorted(transients, key=lambda t: (t.file, t.start_s), reverse=True):
         rate, count = trips[transient.file].rate, len(trips[transient.file].position)
         end = transient.stop_s + AFTER
@@ -328,7 +332,10 @@ def _average(
     rate: float,
     reversing: set[CellKey],
 ) -> CellWindow | None:
-    """Averaged window of a cell; None if too little of it can be fitted."""
+    """Averaged window of a cell from its (trip, first sample) pairs; None if too little of it can be fitted.
+
+    ``reversing`` are the cells that depart against the direction of their arrival.
+    """
     speeds = [channels[trip][_SPEED] for trip, _ in starts]
     shifted, alike = _align(speeds, [first for _, first in starts], length, rate)
     pieces = tuple((starts[i][0], shifted[i]) for i in np.flatnonzero(alike).tolist())
@@ -354,7 +361,7 @@ def _average(
 
 
 def _used_length(from_rest: NDArray[np.bool_]) -> int:
-    """Samples of a window up to the last one that may be fitted, and those that its derivatives need."""
+    """Samples of a window up to the last one that may be fitted, with those that its derivatives need."""
     return int(np.flatnonzero(from_rest)[-1]) + 1 + _FOR_DERIVATIVES
 
 
@@ -362,9 +369,9 @@ def _reversing(transients: Sequence[TransientRow]) -> set[CellKey]:
     """Cells that depart against the direction of the previous arrival."""
     out = set()
     for previous, transient in pairwise(sorted(transients, key=lambda t: (t.file, t.start_s))):
-        departing = transient.condition[1] == "A"
-        other_direction = previous.condition[0] != transient.condition[0]
-        if previous.file == transient.file and departing and other_direction:
+        before, condition = Condition(previous.condition), Condition(transient.condition)
+        reverses = condition.accelerating and condition.direction != before.direction
+        if previous.file == transient.file and reverses:
             out.add(transient.key)
     return out
 
@@ -372,7 +379,10 @@ def _reversing(transients: Sequence[TransientRow]) -> set[CellKey]:
 def _align(
     speeds: Sequence[Array], starts: Sequence[int], length: int, rate: float
 ) -> tuple[list[int], NDArray[np.bool_]]:
-    """First sample of every trip aligned with the first trip, and whether it moves like the median trip."""
+    """First sample of every piece after alignment with the first piece, and whether it moves like the median.
+
+    ``speeds`` are those of the whole trips, m/s; the shift with the least squared difference is chosen.
+    """
     reach = round(_LARGEST_SHIFT * rate)
     reference = speeds[0][starts[0] : starts[0] + length]
     shifted = []
@@ -394,16 +404,17 @@ def _counted_samples(
 
     At standstill the guide holds the table by static friction, which acts as a spring of unknown stiffness,
     and friction changes its sign. An arrival is therefore fitted until the axis first stands still, and a
-    departure once the table slides; from standstill on only where friction is too small to matter.
+    departure from the start of sliding; from standstill on only where friction is negligible.
     """
     count = len(speed)
     index = np.arange(count)
     settled = (index >= round(_FILTER_SETTLES * rate)) & (index < count - _FOR_DERIVATIVES)
-    if condition.endswith("A"):
+    if Condition(condition).accelerating:
         magnitude = np.abs(speed)
         slip = int(np.argmax(magnitude > min(_SLIDING, _SLIDING_PART * magnitude.max())))
         return settled, settled & (index >= slip + round(_AFTER_SLIP * rate))
-    direction = np.sign(speed[: max(1, count // 8)].mean())  # before the arrival: the axis still moves
+    # The window begins before the arrival: the axis still moves.
+    direction = np.sign(speed[: max(1, count // 8)].mean())
     standing = np.flatnonzero(speed * direction < _STANDSTILL)
     if len(standing):
         settled &= index < standing[0]
