@@ -9,6 +9,7 @@ import pytest
 from tests.estimation.made_runs import calibrated
 from tests.monitoring.histories import history, worn
 
+from ballscrew.base.jsonfile import write_json
 from ballscrew.reproduction import demo as module
 from ballscrew.reproduction.experiment import Measured
 
@@ -62,6 +63,18 @@ def test_estimates_beside_true_values_and_the_forecast_of_that_day():
     words = " ".join(module.describe(found))
     assert f"Alarm on day {found.alarm_day:g}" in words
     assert "true value" in words
+
+
+def test_the_printed_document_is_that_of_the_result(ballscrew, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    runs = history((0, 3, 6))
+    tests = [Measured(module._planned_test(3.0 * number), run, {}) for number, run in enumerate(runs)]
+    found = module.monitor_tests(tests, calibrated())
+    monkeypatch.setattr("ballscrew.cli.experiments.demo", lambda *_, **__: found)
+    outcome = ballscrew("demo", "--out", tmp_path, "--json")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert outcome.document == json.loads(write_json(found.to_json()))
+    assert len(outcome.document["tests"]) == 3
 
 
 def test_half_of_the_preload():

@@ -8,18 +8,20 @@ from dataclasses import replace
 from inspect import signature
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from tests.estimation.made_runs import calibrated
-from tests.monitoring.histories import history, worn
+from tests.monitoring.histories import at, history, worn
 
 from ballscrew.base.errors import ALARM, DONE, REFUSED, UNASSESSED, WATCH
 from ballscrew.base.jsonfile import write_json
 from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.modelfile import write_model
 from ballscrew.cli import model_app
-from ballscrew.cli.monitor import health_status
+from ballscrew.cli.monitor import health_status, print_monitored
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.epochs import Event
 from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.quality.finding import Quality
 
@@ -213,3 +215,54 @@ def test_exit_statuses_of_the_states() -> None:
 def test_the_rate_of_false_alarms_of_a_command_is_that_of_the_settings(command: Callable[..., int]) -> None:
     stated = signature(command).parameters["false_alarms"].default
     assert stated == MonitorSettings().false_alarms_per_year
+
+
+def test_the_table_of_the_runs_is_exported(ballscrew, folder: Path, tmp_path: Path) -> None:
+    common = ("monitor", *runs(folder)[:4], "--model", folder / "model.json", "--export")
+    assert ballscrew(*common, tmp_path / "runs.csv").status == 0
+    table = pd.read_csv(tmp_path / "runs.csv")
+    assert [time[:10] for time in table["measured_at"]] == [at(day)[:10] for day in DAYS[:4]]
+    assert ballscrew(*common, tmp_path / "runs.xlsx").status == 2
+
+
+def test_an_alarm_of_an_earlier_epoch_is_printed_with_what_ended_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    before, after = history(DAYS, worn(15.0, 80.0)), history((45.0, 48.0, 51.0), seed=3)
+    events = (Event(at(43.0), "nut replaced", "a new nut"),)
+    found = monitor([*before, *after], calibrated(), events=events)
+    first, current = found.state.epochs
+    assert first.alarm_at is not None
+    assert current.alarm_at is None
+    print_monitored(found)
+    words = " ".join(capsys.readouterr().out.split())
+    text = f"An earlier epoch had an alarm on {first.alarm_at[:10]}; it ended with: nut replaced."
+    assert words.count("An earlier epoch had an alarm") == 1
+    assert text in words
+    assert "17 runs, a line between two epochs" in words
+
+
+def test_why_there_is_no_forecast_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    print_monitored(monitor(history((0.0, 3.0)), calibrated()))
+    words = " ".join(capsys.readouterr().out.split())
+    assert words.endswith("Remaining life: no forecast, because there are fewer than three good runs.")
+    stiffer = history(DAYS[:8], lambda day: 1.0 if day < 12 else 1.5)
+    print_monitored(monitor(stiffer, calibrated()))
+    words = " ".join(capsys.readouterr().out.split())
+    reason = "the newest runs are stiffer than the baseline, which wear cannot explain."
+    assert words.endswith(f"Remaining life: no forecast, because {reason}")
+
+
+def test_the_table_has_the_newest_runs_of_a_long_history(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = monitor(history(DAYS[:7]), calibrated())
+    print_monitored(found)
+    assert "the newest" not in capsys.readouterr().out
+    monkeypatch.setattr("ballscrew.cli.monitor._SHOWN_RUNS", 3)
+    print_monitored(found)
+    words = " ".join(capsys.readouterr().out.split())
+    assert "the newest 3 of 7 runs" in words
+    assert at(DAYS[4])[:16] in words
+    assert at(DAYS[3])[:16] not in words
+    assert "between two epochs" not in words

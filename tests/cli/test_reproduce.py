@@ -6,8 +6,12 @@ import json
 from dataclasses import replace
 
 import pytest
+from tests.monitoring.histories import history, worn
 
 from ballscrew.reproduction import reproduce as module
+from ballscrew.reproduction.demo import _planned_test
+from ballscrew.reproduction.experiment import Measured
+from ballscrew.reproduction.results import Claim, Experiments
 
 
 @pytest.fixture
@@ -101,3 +105,43 @@ def test_recordings_of_another_experiment_are_not_overwritten(ballscrew, tmp_pat
     assert outcome.status == 2
     assert "exists already" in outcome.err
     assert (mine / "bench.h5").read_text(encoding="utf-8") == "precious"
+
+
+@pytest.fixture
+def done(monkeypatch):
+    """Both experiments as if they had been run, without a recording, in 125.4 s."""
+    pytest.importorskip("matplotlib")
+    days = (0.0, 26.0, 52.0, 78.0)
+    runs = history(days, worn(0.0, 90.0))
+    truth = {"local_backlash_m": {"0.0": 0.0}}
+    life = tuple(Measured(_planned_test(day), run, truth) for day, run in zip(days, runs, strict=True))
+    claims = (
+        Claim("The frequency falls.", "It fell.", "yes", ""),
+        Claim("It is linear.", "It is not.", "no", ""),
+    )
+    experiments = Experiments(module.AXIS, (), life)
+    monkeypatch.setattr("ballscrew.cli.experiments.reproduce", lambda *_, **__: (experiments, claims))
+    monkeypatch.setattr("ballscrew.cli.experiments.end_of_life", lambda _: ["Day 78: bench: ALARM"])
+    times = iter((100.0, 225.4))
+    monkeypatch.setattr("ballscrew.cli.experiments.time.monotonic", lambda: next(times))
+
+
+@pytest.mark.usefixtures("done")
+def test_each_claim_is_printed_with_whether_it_holds_and_the_end_of_the_life(ballscrew, tmp_path):
+    outcome = ballscrew("reproduce", "--out", tmp_path)
+    assert outcome.status == 0, outcome.err
+    assert outcome.out.splitlines() == [
+        "    yes  The frequency falls.",
+        "     no  It is linear.",
+        "Day 78: bench: ALARM",
+        "Done in 2 min 5 s.",
+        f"Look at {tmp_path / 'report.html'}",
+    ]
+
+
+@pytest.mark.usefixtures("done")
+def test_the_printed_document_has_the_claims_and_the_runs_and_nothing_else_is_printed(ballscrew, tmp_path):
+    outcome = ballscrew("reproduce", "--out", tmp_path, "--json")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert [claim["holds"] for claim in outcome.document["claims"]] == ["yes", "no"]
+    assert [run["day"] for run in outcome.document["runs"]] == [0.0, 26.0, 52.0, 78.0]
