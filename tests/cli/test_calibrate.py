@@ -19,8 +19,10 @@ from ballscrew.axis.axial import frequency, from_vector
 from ballscrew.axis.axial_prior import prior
 from ballscrew.base.jsonfile import write_json
 from ballscrew.calibration.modelfile import read_model
+from ballscrew.calibration.sampler import SamplerCheck
 from ballscrew.cli.shell import run
 from ballscrew.modal.cell import SharedError
+from ballscrew.modal.run import Run
 
 
 def test_the_model_does_not_depend_on_the_order_of_sets(tmp_path: Path) -> None:
@@ -238,3 +240,122 @@ def test_how_long_a_bearing_keeps_is_an_option(
     assert spread[1] > 1.1 * spread[0]
     assert run([*given, "--out", str(tmp_path / "m.json"), "--bearing-drift", "2"]) == 2
     assert "bearing-drift" in capsys.readouterr().err
+
+
+def printed(capsys: pytest.CaptureFixture[str], *command: str) -> str:
+    """What ``calibrate`` prints, on one line."""
+    capsys.readouterr()
+    assert run(["calibrate", *command]) == 0
+    return " ".join(capsys.readouterr().out.split())
+
+
+def given(tmp_path: Path) -> list[str]:
+    """The sheet and the model of a command."""
+    return ["--axis", str(tmp_path / "axis.toml"), "--out", str(tmp_path / "m.json")]
+
+
+def test_samples_are_compared_with_the_model(
+    runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sampled = SamplerCheck(("slope", "mass"), (0.05, -0.12), (0.97, 1.04), 20_000, 0.4)
+    monkeypatch.setattr("ballscrew.cli.calibrate.sample_posterior", lambda _: sampled)
+    words = printed(capsys, *runs, *given(tmp_path), "--sample")
+    assert (
+        "sampler: 20000 samples agree with the model; the largest shift, of mass, is -0.12 standard "
+        "uncertainties; widths are 0.97 to 1.04 of the model's" in words
+    )
+    assert run(["calibrate", *runs, *given(tmp_path), "--sample", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["sample"] == {
+        "agrees": True, "samples": 20_000, "acceptance": 0.4,
+        "shift": {"slope": 0.05, "mass": -0.12}, "ratio": {"slope": 0.97, "mass": 1.04},
+    }  # fmt: skip
+    assert "sample" not in json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
+    assert "sampler" not in printed(capsys, *runs, *given(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("shift", "ratio", "agrees"),
+    [
+        ((0.29, -0.29), (0.81, 1.24), True),
+        ((0.0, -0.31), (1.0, 1.0), False),
+        ((0.0, 0.0), (0.79, 1.0), False),
+        ((0.0, 0.0), (1.0, 1.26), False),
+    ],
+)
+def test_samples_agree_up_to_a_shift_and_a_width(
+    runs: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    shift: tuple[float, float],
+    ratio: tuple[float, float],
+    agrees: bool,
+) -> None:
+    sampled = SamplerCheck(("slope", "mass"), shift, ratio, 20_000, 0.4)
+    assert sampled.agrees == agrees
+    monkeypatch.setattr("ballscrew.cli.calibrate.sample_posterior", lambda _: sampled)
+    words = printed(capsys, *runs, *given(tmp_path), "--sample")
+    assert ("20000 samples agree with" in words) == agrees
+    assert ("20000 samples do not agree with" in words) == (not agrees)
+
+
+def test_verbose_prints_groups_of_preload_anchors_and_a_cell_that_does_not_fit(
+    runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for number, path in enumerate(runs):
+        Path(path).write_text(
+            write_json(replace(Run.read(path), measured_at=f"2026-01-01T0{number}:00:00+00:00").to_json()),
+            encoding="utf-8",
+        )
+    first = Run.read(runs[0])
+    cells = list(first.cells)
+    assert cells[3].frequency_Hz is not None
+    cells[3] = replace(cells[3], frequency_Hz=1.1 * cells[3].frequency_Hz)
+    replace(first, cells=tuple(cells)).write("run0.json")
+    model = from_vector(prior(Sheets(tmp_path).read(), 0.2)[0], 0.2)
+    worn = table(
+        lambda x: float(frequency(model, x, 100.0, 0.7)), (0.0, 0.2, 0.4), 100.0, 7,
+        measured_at="2026-03-01T08:00:00+00:00",
+    )  # fmt: skip
+    worn.write("worn.json")
+    names = ["run0.json", "run1.json", "run2.json", "worn.json"]
+    words = printed(capsys, *names, *given(tmp_path), "--verbose", "--known-preload", "run1.json=590N±10N")
+    cell = f"{1e3 * cells[3].position_m:g} mm {cells[3].condition}"
+    assert f"• run0.json: cell {cell} (" in words
+    assert "run1.json: cell" not in words
+    document = json.loads((tmp_path / "m.json").read_text(encoding="utf-8"))
+    (other,) = (each for each in document["runs"] if each["group"] == 1)
+    ratio = math.exp(other["log_ratio"])
+    row = f"│ {ratio:.3f} ± {ratio * other['log_ratio_uncertainty']:.3f} │"
+    assert words.count(row) == 1
+    assert ratio == pytest.approx(0.7, abs=0.1)
+    (anchor,) = document["anchors"]
+    numbers = (anchor[f"{name}_{part}"] for name in ("log_preload", "share") for part in ("without", "with"))
+    texts = " │ ".join(f"{number:.3f}" for number in numbers)
+    assert f"│ known preload │ run1.json │ 590 ± 10 N │ {texts} │" in words
+    assert "No anchor" not in words
+
+
+def test_a_model_without_a_rotor_has_an_infinite_one(
+    runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "∞" not in printed(capsys, *runs, *given(tmp_path), "--verbose")
+    model = replace(from_vector(prior(Sheets(tmp_path).read(), 0.2)[0], 0.2), rotor=math.inf)
+    for number, load in enumerate((0.0, 50.0, 100.0)):
+        one_load = table(
+            lambda x, m=load: float(frequency(model, x, m)),  # type: ignore[misc]
+            (0.0, 0.2, 0.4), load, number,
+        )  # fmt: skip
+        one_load.write(runs[number])
+    assert "│ rotor │ ∞ │ │ │" in printed(capsys, *runs, *given(tmp_path), "--verbose")
+
+
+def test_a_measured_rigidity_has_no_other_convention(
+    runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "in another convention" in printed(capsys, *runs, *given(tmp_path))
+    Sheets(tmp_path).write(screw__rigidity_convention="measured")
+    words = printed(capsys, *runs, *given(tmp_path))
+    assert "3 runs, good" in words
+    assert "convention" not in words
