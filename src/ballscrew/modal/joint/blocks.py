@@ -223,7 +223,7 @@ def make_block(
 
 
 def simulate(b: Block, mode: AxialMode) -> Simulation:
-    """Simulate the response of the axial mode to the drive of a block; the pitching mode has no part in it."""
+    """Simulate the response of the axial mode to the drive of a block, without the pitching mode."""
     w = b.windows
     response, to_ripple = np.empty(len(w.place)), np.empty(b.ripple.shape)
     profile, nut = (mode.compliance, mode.slope, mode.curve), (mode.mass_over_preload, mode.nut_share)

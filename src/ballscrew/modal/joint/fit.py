@@ -32,24 +32,33 @@ from ballscrew.modal.joint.parameters import (
 )
 
 CLEAR_REDUCTION = math.log(0.8)
-"""Change of :func:`log_residual` by which a fit is preferred: the product of the blocks' rms, 20 % less."""
+"""Change of :func:`log_residual` from which on another fit is clearly better: rms residuals 20 % lower.
+
+With several blocks, the product of their rms residuals."""
 
 SAMPLES_PER_INDEPENDENT = 5.0
-"""Samples with the information of one: neighbours are correlated, since the residual is limited to a band."""
+"""Number of samples that contain as much information as an independent one.
+
+Neighbouring samples are correlated, since the residual is limited to a band."""
 
 # Levenberg-Marquardt: damping at the start, at least, and at least after a step that failed.
 _FIRST_DAMPING, _LEAST_DAMPING, _LEAST_RAISED = 1e-3, 1e-8, 1e-4
 _DAMPING_FACTOR = 8  # by which a step that succeeds lowers the damping, and one that fails raises it
-_TRIALS = 7  # of a step, with ever more damping
-_LONGEST_STEP = 0.4  # in every parameter
-_LEAST_RMS = 1e-100  # m/s², of a residual: the weight of one that is 0 is a number, and so is its square
+_TRIALS = 7  # largest number of trials of a step, with increasing damping
+_LONGEST_STEP = 0.4  # largest change of a parameter in a step, in its unit (1 for a logarithm)
+_LEAST_RMS = 1e-100  # m/s², of a residual: keeps a weight, one over the rms, and its square finite
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Expected value and standard deviation of a weighted sum of parameters common to all modes.
+    """Prior distribution of a weighted sum of parameters that have the same value in both modes.
 
-    ``fields`` are their names and weights. For a logarithmic field the logarithm is meant.
+    Parameters
+    ----------
+    fields : tuple of (field, weight)
+        Terms of the sum; for a logarithmic field, the logarithm.
+    value, deviation : float
+        Expected value and standard deviation of the sum.
     """
 
     fields: tuple[tuple[str, float], ...]
@@ -61,20 +70,22 @@ class Prior:
 class JointFit:
     """Final state of a fit.
 
+    The weight of a block is one over the rms of its whitened residual.
+
     Parameters
     ----------
     modes : tuple of AxialMode
         One per block.
     blocks : tuple of Block
-        As fitted.
+        The data that were fitted.
     solved : tuple of Projection
         The linear part of each block.
     parameters : tuple of (field, mode index or None)
         The fitted parameters.
     jacobian : tuple of ndarray, shape (n * responses, parameters)
-        Derivatives of each block's whitened model without their parts along its columns, times its weight.
+        Derivatives of each block's whitened model, less their projection on its columns, times its weight.
     residual : tuple of ndarray, shape (n * responses,)
-        Of each block, over the same.
+        Whitened residual of each block times its weight.
     hessian : ndarray, shape (parameters, parameters)
         Of half the cost, in the Gauss-Newton approximation, with the priors.
     """
@@ -89,7 +100,7 @@ class JointFit:
 
     @property
     def log_residual(self) -> float:
-        """As :func:`log_residual`."""
+        """Result of :func:`log_residual`."""
         return log_residual(self.solved)
 
 
@@ -108,12 +119,12 @@ def fit_blocks(
     blocks : sequence of Block
         Data.
     modes : sequence of AxialMode
-        Initial values, one per mode.
+        Initial modes, by the index ROTOR_FREE or ROTOR_HELD.
     fields : sequence of str
-        Fields of AxialMode to fit. Compliance, slope, curve and damping have a value for each mode, the
-        others one for all.
+        Fields of AxialMode to fit. Those of MODE_FIELDS have a value for each mode, the others the same value
+        for both.
     priors : sequence of Prior
-        Of fields that have one value for all modes.
+        Priors of parameters that have the same value in both modes.
     most_steps : int
         Upper limit of the iterations.
     least_gain : float
@@ -137,22 +148,35 @@ def fit_modes(
     most_steps: int = 12,
     least_gain: float = 2e-5,
 ) -> tuple[Modes, float]:
-    """Modes that :func:`fit_blocks` finds, one per block, and their :func:`log_residual`.
+    """Fit all blocks together, without the Jacobian at the end, which takes time.
 
-    Takes less time, since the Jacobian at the end is not computed.
+    Parameters
+    ----------
+    blocks, modes, fields, priors, most_steps, least_gain
+        As for :func:`fit_blocks`.
+
+    Returns
+    -------
+    modes : tuple of AxialMode
+        One per block.
+    log_residual : float
+        Result of :func:`log_residual`.
     """
     final = _Problem.of(blocks, fields, priors).minimised(modes, most_steps, least_gain)
     return final.modes, log_residual(final.solved)
 
 
 def log_residual(solved: Sequence[Projection]) -> float:
-    """Logarithm of the residual's rms over that of the responses, summed over all blocks."""
+    """Logarithm of the rms of the whitened residual over that of the responses, summed over all blocks."""
     return sum(math.log(max(projection.unexplained, 1e-300)) / 2 for projection in solved)
 
 
 @dataclass(frozen=True, slots=True)
 class _State:
-    """A point of the iteration: modes of all blocks, values of the parameters, solved linear parts."""
+    """A point of the iteration: modes and solved linear parts of all blocks, values of the parameters.
+
+    ``steps`` is the number of steps so far.
+    """
 
     modes: Modes
     values: Array
@@ -162,7 +186,11 @@ class _State:
 
 @dataclass(frozen=True, slots=True)
 class _Problem:
-    """Blocks, parameters and priors of a fit: a prior is a row of ``prior_rows @ values = prior_values``."""
+    """Blocks, parameters and priors of a fit.
+
+    A prior is a row of ``prior_rows @ values = prior_values``, in units of its standard deviation: see
+    :meth:`of`.
+    """
 
     blocks: tuple[Block, ...]
     parameters: tuple[Parameter, ...]
@@ -171,6 +199,11 @@ class _Problem:
 
     @classmethod
     def of(cls, blocks: Sequence[Block], fields: Sequence[str], priors: Sequence[Prior]) -> _Problem:
+        """The problem of :func:`fit_blocks`.
+
+        In the cost every sample counts as if it were independent, so its information is too large by the
+        factor SAMPLES_PER_INDEPENDENT; the priors are multiplied by the same factor.
+        """
         parameters: list[Parameter] = [(f, None) for f in fields if f not in MODE_FIELDS]
         for index in sorted({b.mode_index for b in blocks}):
             parameters += [(f, index) for f in fields if f in MODE_FIELDS]
@@ -185,14 +218,14 @@ class _Problem:
         return cls(tuple(blocks), tuple(parameters), rows, values)
 
     def read(self, modes: Modes) -> Array:
-        """Values of the parameters; logarithms for logarithmic fields."""
+        """Values of the parameters in modes by their index, shape (parameters,)."""
         return np.array([read_parameter(modes[index or 0], field) for field, index in self.parameters])
 
     def minimised(self, modes: Sequence[AxialMode], most_steps: int, least_gain: float) -> _State:
-        """The state at the end of the iteration that begins with these modes."""
-        given = tuple(modes[b.mode_index] for b in self.blocks)
-        values = np.clip(self.read(given), *limits_of(self.parameters))
-        first = modes_with(given, self.blocks, self.parameters, values)
+        """The state at the end of the iteration that begins with these modes, given by their index."""
+        of_blocks = tuple(modes[b.mode_index] for b in self.blocks)
+        values = np.clip(self.read(of_blocks), *limits_of(self.parameters))
+        first = modes_with(of_blocks, self.blocks, self.parameters, values)
         state = self._solved(first, values, raw_columns_of(self.blocks, first), 0)
         damping = _FIRST_DAMPING
         while state.steps < most_steps:
@@ -207,8 +240,9 @@ class _Problem:
         return state
 
     def _solved(self, modes: Modes, values: Array, raw: Sequence[Array], steps: int) -> _State:
-        """The state at these modes, with the linear part of each block solved."""
-        solved = tuple(project(b, s, raw=r) for b, s, r in zip(self.blocks, modes, raw, strict=True))
+        """The state at these modes, one per block, with ``raw`` columns: solves the linear part of each."""
+        each = zip(self.blocks, modes, raw, strict=True)
+        solved = tuple(project(b, mode, raw=columns) for b, mode, columns in each)
         return _State(modes, values, solved, steps)
 
     def linearised(self, state: _State) -> JointFit:
@@ -216,32 +250,36 @@ class _Problem:
         modes, solved = state.modes, state.solved
         weights = _weights(self.blocks, solved)
         jacobian = model_jacobian(self.blocks, modes, solved, weights, self.parameters, state.values)
-        residual = tuple((s.residual * w).ravel() for s, w in zip(solved, weights, strict=True))
+        residual = tuple((s.residual * weight).ravel() for s, weight in zip(solved, weights, strict=True))
         hessian = sum((j.T @ j for j in jacobian), self.prior_rows.T @ self.prior_rows)
         return JointFit(modes, self.blocks, solved, self.parameters, tuple(jacobian), residual, hessian)
 
     def _damped_step(self, now: _State, damping: float) -> tuple[Array, list[Array], float, float] | None:
-        """The first step that lowers the cost, with ever more damping; not across a limit of a parameter.
+        """The first step with increasing damping that lowers the cost; not across a limit of a parameter.
 
-        Returns values, raw columns, damping of the next step, and the part by which the cost is lowered; None
-        if no step lowers it.
+        Returns values, raw columns, damping for the next step, and the reduction of the cost over the cost;
+        None if no step lowers it. The weights of the blocks are those before the step.
         """
         values = now.values
         weights = _weights(self.blocks, now.solved)
-        powers = [float(np.sum((s.residual * w) ** 2)) for s, w in zip(now.solved, weights, strict=True)]
+        powers = [
+            float(np.sum((solved.residual * weight) ** 2))
+            for solved, weight in zip(now.solved, weights, strict=True)
+        ]
         cost = self._cost(powers, values)
         hessian, descent = normal_equations(
             self.blocks, now.modes, now.solved, weights, self.parameters, values
         )
+        deviations = self.prior_rows @ values - self.prior_values
         hessian += self.prior_rows.T @ self.prior_rows
-        descent -= self.prior_rows.T @ (
-            self.prior_rows @ values - self.prior_values
-        )  # minus half the gradient
+        descent -= self.prior_rows.T @ deviations  # descent: minus half the gradient of the cost
         low, high = limits_of(self.parameters)
+        # At a limit, a parameter stays if the descent leads beyond.
         free = ~((values <= low) & (descent < 0) | (values >= high) & (descent > 0))
         if not free.any():
             return None
-        hessian, change = hessian[np.ix_(free, free)], np.zeros(len(values))
+        hessian = hessian[np.ix_(free, free)]
+        change = np.zeros(len(values))
         for _ in range(_TRIALS):
             damped = hessian + damping * np.diag(np.diag(hessian) + 1e-12)
             change[free] = np.linalg.solve(damped, descent[free])
@@ -257,34 +295,35 @@ class _Problem:
         return None
 
     def _cost(self, powers: Sequence[float], values: Array) -> float:
-        """Sum of the blocks' powers and of the squared deviations from the priors."""
+        """Sum of the blocks' weighted powers and of the squared deviations from the priors."""
         cost = sum(powers) + float(np.sum((self.prior_rows @ values - self.prior_values) ** 2))
-        return cost if math.isfinite(cost) else math.inf
+        return cost if math.isfinite(cost) else math.inf  # not nan
 
 
 def with_local_parameters(found: JointFit, modes: Modes, names: Sequence[str]) -> JointFit:
-    """A fit, linearised also in the local compliances at the stops.
+    """A fit with derivatives also by the local compliances at the stops.
 
     Parameters
     ----------
     found : JointFit
         Without local compliances.
     modes : tuple of AxialMode
-        Its modes, with local compliances of 0.
+        Modes of the fit, with local compliances of 0.
     names : sequence of str
-        ``"local:0"`` and so on.
+        Fields of the local compliances: ``"local:0"`` and so on.
 
     Returns
     -------
     JointFit
         At the same values, with the local compliances among its parameters and without priors.
     """
-    parameters = (*found.parameters, *((name, None) for name in names))
-    weights, own = _weights(found.blocks, found.solved), [(name, None) for name in names]
-    local = model_jacobian(found.blocks, modes, found.solved, weights, own, np.zeros(len(names)))
-    jacobian = [np.column_stack(pair) for pair in zip(found.jacobian, local, strict=True)]
+    added: list[Parameter] = [(name, None) for name in names]
+    weights = _weights(found.blocks, found.solved)
+    by_local = model_jacobian(found.blocks, modes, found.solved, weights, added, np.zeros(len(names)))
+    jacobian = tuple(np.column_stack(pair) for pair in zip(found.jacobian, by_local, strict=True))
     hessian = np.asarray(sum(j.T @ j for j in jacobian))
-    return replace(found, modes=modes, parameters=parameters, jacobian=tuple(jacobian), hessian=hessian)
+    parameters = (*found.parameters, *added)
+    return replace(found, modes=modes, parameters=parameters, jacobian=jacobian, hessian=hessian)
 
 
 def _weights(blocks: Sequence[Block], solved: Sequence[Projection]) -> list[float]:

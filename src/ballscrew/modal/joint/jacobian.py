@@ -1,8 +1,9 @@
 """Derivatives of the models of all blocks, by difference quotients.
 
-The weights of the columns stay as they are, and what other weights could compensate for is projected out
-(variable projection in the approximation of Kaufman, 1975, doi:10.1007/BF01932995). So the ripple is
-simulated as one force per response.
+The weights of the columns are constant, and the projection of the derivatives on the columns, for which other
+weights would compensate, is subtracted (variable projection in the approximation of Kaufman, 1975,
+doi:10.1007/BF01932995). With constant weights, the forces of the ripple can be summed before the simulation:
+a single force for each response remains.
 """
 
 from __future__ import annotations
@@ -18,11 +19,13 @@ from ballscrew.modal.joint.columns import fill_change
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.parameters import LOCAL, Modes, Parameter, modes_with, stop_of
 
-_STEP = 1e-4  # of a parameter, for the difference quotients; other steps by field:
+# Steps of the parameters in the difference quotients, in the unit of the parameter (1 for a logarithm): in
+# general, of some fields, and of local compliances.
+_STEP = 1e-4
 _STEPS = {"slope": 1e-3, "curve": 1e-2, "mass_over_preload": 1e-2, "power": 1e-2}
 _LOCAL_STEP = 1e-3
-# No window reaches two stops that are three apart, so every third local compliance is varied in one
-# simulation: each window is affected by one of them only.
+# Every third local compliance is varied in the same simulation. Each has an effect up to the neighbouring
+# stops; the windows are assumed so short that only one of those varied affects each.
 _INTERLEAVED = 3
 
 
@@ -34,7 +37,7 @@ def model_jacobian(
     parameters: Sequence[Parameter],
     values: Array,
 ) -> list[Array]:
-    """Weighted derivatives of each block's whitened model, without their parts along its columns.
+    """Weighted derivatives of each block's whitened model, less their projection on its columns.
 
     Parameters
     ----------
@@ -47,20 +50,22 @@ def model_jacobian(
     weights : sequence of float
         Weight of each block.
     parameters : sequence of (field, mode index or None)
-        To derive by.
+        Parameters of the derivatives.
     values : ndarray, shape (parameters,)
         Their values.
 
     Returns
     -------
     list of ndarray, shape (n * responses, parameters)
-        One per block.
+        One per block; columns of 0 for parameters of the other mode.
     """
     out = []
     derivatives = _whitened_derivatives(blocks, modes, solved, parameters, values)
-    for s, weight, (own, of_model) in zip(solved, weights, derivatives, strict=True):
-        column = weight * np.eye(len(parameters))[own]  # of each derivative among all
-        out.append(s.without_columns(of_model).reshape(s.residual.size, len(own)) @ column)
+    for s, weight, (indices, derivative) in zip(solved, weights, derivatives, strict=True):
+        # This matrix puts the derivatives in their columns among all parameters.
+        to_columns = weight * np.eye(len(parameters))[indices]
+        rows = s.without_columns(derivative).reshape(s.residual.size, len(indices))
+        out.append(rows @ to_columns)
     return out
 
 
@@ -72,7 +77,7 @@ def normal_equations(
     parameters: Sequence[Parameter],
     values: Array,
 ) -> tuple[Array, Array]:
-    """JᵀJ and Jᵀr of :func:`model_jacobian` and the weighted residuals, in less time than from J.
+    """JᵀJ and Jᵀr, with J of :func:`model_jacobian` and r the weighted residuals, in less time than from J.
 
     Parameters
     ----------
@@ -88,12 +93,13 @@ def normal_equations(
     """
     hessian, descent = np.zeros((len(parameters),) * 2), np.zeros(len(parameters))
     derivatives = _whitened_derivatives(blocks, modes, solved, parameters, values)
-    for s, weight, (own, of_model) in zip(solved, weights, derivatives, strict=True):
-        if not own:
+    for s, weight, (indices, derivative) in zip(solved, weights, derivatives, strict=True):
+        if not indices:
             continue
-        hessian[np.ix_(own, own)] += weight**2 * s.products(of_model, len(own))
-        # The residual is orthogonal to the columns.
-        descent[own] += weight**2 * (of_model.reshape(-1, len(own)).T @ s.residual.ravel())
+        count = len(indices)
+        hessian[np.ix_(indices, indices)] += weight**2 * s.products(derivative, count)
+        # The residual is orthogonal to the columns: no projection on them needs to be subtracted.
+        descent[indices] += weight**2 * (derivative.reshape(-1, count).T @ s.residual.ravel())
     return hessian, descent
 
 
@@ -104,12 +110,13 @@ def _whitened_derivatives(
     parameters: Sequence[Parameter],
     values: Array,
 ) -> Iterator[tuple[list[int], Array]]:
-    """Whitened derivatives of each model, shape (n, responses * k), by the k parameters that it depends on.
+    """For each block, indices of the k parameters that its model depends on, and the whitened derivatives.
 
-    Their indices come first.
+    The derivatives have the shape (n, responses * k); those by all parameters follow each other for each
+    response.
     """
     models = _FixedWeights(blocks, solved)
-    changes: list[dict[int, Array]] = [{} for _ in solved]  # of each model, by parameter
+    changes: list[dict[int, Array]] = [{} for _ in solved]  # derivatives of each model, by parameter
     for k, (field, _) in enumerate(parameters):
         if field.startswith(LOCAL):
             continue
@@ -118,40 +125,46 @@ def _whitened_derivatives(
         shifted[k] += step
         for i, change in models.changes(modes, modes_with(modes, blocks, parameters, shifted), step):
             changes[i][k] = change
-    columns = {stop_of(field): k for k, (field, _) in enumerate(parameters) if field.startswith(LOCAL)}
-    if columns:
-        _fill_local(models, modes, columns, changes)
-    for b, s, of_model in zip(blocks, solved, changes, strict=True):
-        stacked = np.empty((*s.residual.shape, len(of_model)))
-        for place, change in enumerate(of_model.values()):
-            stacked[:, :, place] = change
-        yield list(of_model), whiten(b, stacked.reshape(len(stacked), -1), s.free)
+    of_stop = {stop_of(field): k for k, (field, _) in enumerate(parameters) if field.startswith(LOCAL)}
+    if of_stop:
+        _fill_local(models, modes, of_stop, changes)
+    for b, s, by_parameter in zip(blocks, solved, changes, strict=True):
+        stacked = np.empty((*s.residual.shape, len(by_parameter)))
+        for position, change in enumerate(by_parameter.values()):
+            stacked[:, :, position] = change
+        yield list(by_parameter), whiten(b, stacked.reshape(len(stacked), -1), s.free)
 
 
 class _FixedWeights:
-    """Models of all blocks as functions of the modes alone; the weights of the columns are those given."""
+    """Models of all blocks as functions of the modes alone, with constant weights of the columns.
+
+    Columns that do not depend on the modes are omitted. All blocks with the same drive have the same ripple,
+    the forces of :meth:`_forces`, so that they share its simulation.
+    """
 
     def __init__(self, blocks: Sequence[Block], solved: Sequence[Projection]) -> None:
         self.blocks: list[Block] = []
-        self._weights: list[Array] = []
-        self._now: list[Array] = []
+        self._weights: list[Array] = []  # of the columns in each response, as for fill_change
+        self._now: list[Array] = []  # models before a change of the modes
         forces = {index: self._forces(blocks, solved, index) for index in {b.mode_index for b in blocks}}
-        first = dict.fromkeys(forces, 0)
+        first = dict.fromkeys(forces, 0)  # number of the first force that belongs to the next block
         for b, s in zip(blocks, solved, strict=True):
             force, responses = forces[b.mode_index], s.weights.shape[1]
-            of_mode = len(s.weights) - b.known.shape[1] - b.ripple.shape[1]
+            known = b.known.shape[1]
+            of_mode = len(s.weights) - known - b.ripple.shape[1]
+            # Each response has its own force, with a weight of 1.
             of_force = np.eye(force.shape[1], responses, -first[b.mode_index])
             weights = np.vstack([s.weights[:of_mode], of_force])
             first[b.mode_index] += responses
             self.blocks.append(replace(b, known=np.empty((len(force), 0)), ripple=force))
             self._weights.append(weights)
-            self._now.append(s.model - b.known @ s.weights[of_mode : of_mode + b.known.shape[1]])
+            self._now.append(s.model - b.known @ s.weights[of_mode : of_mode + known])
 
     @staticmethod
     def _forces(blocks: Sequence[Block], solved: Sequence[Projection], index: int) -> Array:
-        """Force of the ripple in each response of the blocks with this mode, shape (n, responses).
+        """Sum of the forces of the ripple in each response of the blocks with this mode.
 
-        Without ripple, shape (n, 0): none is simulated.
+        Shape (n, responses of these blocks); without ripple, shape (n, 0), so that no force is simulated.
         """
         forces = [np.empty((len(solved[0].model), 0))]
         for b, s in zip(blocks, solved, strict=True):
@@ -160,10 +173,13 @@ class _FixedWeights:
         return np.column_stack(forces)
 
     def changes(self, modes: Modes, shifted: Sequence[AxialMode], step: float) -> Iterator[tuple[int, Array]]:
-        """Index of each block whose mode is shifted, and the change of its model over the step."""
-        concerned = [i for i, mode in enumerate(modes) if shifted[i] != mode]
-        simulations = simulations_of([self.blocks[i] for i in concerned], [shifted[i] for i in concerned])
-        for i, simulation in zip(concerned, simulations, strict=True):
+        """Index of each block whose mode is shifted, and the change of its model divided by ``step``.
+
+        The change has the shape (n, responses).
+        """
+        affected = [i for i, mode in enumerate(modes) if shifted[i] != mode]
+        simulations = simulations_of([self.blocks[i] for i in affected], [shifted[i] for i in affected])
+        for i, simulation in zip(affected, simulations, strict=True):
             b, now = self.blocks[i], self._now[i]
             columns = simulation.response, pitching_of(b, shifted[i], simulation), simulation.to_ripple
             change = np.empty(now.shape)
@@ -172,12 +188,11 @@ class _FixedWeights:
 
 
 def _fill_local(
-    models: _FixedWeights, modes: Modes, columns: dict[int, int], changes: Sequence[dict[int, Array]]
+    models: _FixedWeights, modes: Modes, of_stop: dict[int, int], changes: Sequence[dict[int, Array]]
 ) -> None:
-    """Fill the columns of the local compliances; ``columns`` is the column of each stop.
+    """Add to ``changes`` the derivatives by local compliances; ``of_stop`` is the parameter of each stop.
 
-    Every third local compliance is varied in one simulation, and each window attributed to the nearest of
-    these.
+    The change in each window is attributed to the nearest of the stops that are varied together.
     """
     places = np.array(modes[0].places)
     for offset in range(min(_INTERLEAVED, len(places))):
@@ -192,8 +207,8 @@ def _fill_local(
                 place = w.place[start:end]
                 nearest = np.abs(places - (place.min() + place.max()) / 2).argsort()
                 stop = int(nearest[nearest % _INTERLEAVED == offset][0])
-                if stop in columns:
-                    k = columns[stop]
+                if stop in of_stop:
+                    k = of_stop[stop]
                     if k not in changes[i]:
                         changes[i][k] = np.zeros_like(change)
                     changes[i][k][start:end] = change[start:end]

@@ -25,17 +25,17 @@ from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.parameters import FRAME_FIELDS
 from ballscrew.modal.joint.uncertainty import variance_inflation
 
-# Median, and standard deviation of the logarithm: damping of frame and pitching mode; and about the pitching
-# mode's initial frequency.
+# Priors where the frame has a mode: median of a damping ratio and standard deviation of its logarithm; and
+# standard deviation of ln(frequency) of the pitching mode, whose median is the initial one.
 _FRAME_PRIORS = {"frame_damping": (0.05, 0.9), "pitch_damping": (0.03, 0.7)}
 _PITCH_DEVIATION = 0.05
-_ROUNDS = 3  # of fits, each with the scatter found by the one before
-_LOCAL_ITERATIONS = 4
-_CONVERGED = 0.25  # change of the logarithm of a standard deviation; a variance may change by twice that
+_ROUNDS = 3  # largest number of fits, each with the inflation and local variation estimated from the previous
+_LOCAL_ITERATIONS = 4  # largest number of iterations of a fit with local compliances
+_CONVERGED = 0.25  # largest change of ln(standard deviation) after the last fit; of ln(variance), twice that
 INITIAL_INFLATION = 1000.0
 """Result of :func:`~ballscrew.modal.joint.uncertainty.variance_inflation` assumed in the first fit.
 
-Large, so that the data sheet's load decides until the scatter of the cells is known."""
+Large, so that the data sheet's mass over preload dominates until the scatter of the cells is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +47,8 @@ class Profile:
     curved : bool
         Whether the compliance is a parabola along the axis, and not a line.
     mass_over_preload, load_deviation, least_mass_over_preload : float
-        Expected by data sheet and frequency, kg/N, the standard deviation of its logarithm, and its lower
-        limit; 0 without a data sheet.
+        As of :func:`~ballscrew.modal.joint.initial.expected_mass_over_preload`: expected value, kg/N, standard
+        deviation of its logarithm, and lower limit, kg/N. 0 without a data sheet.
     pitch : float
         Of an axis with a mode of the frame: initial frequency of the pitching mode, Hz, which is then fitted
         too. 0 without such a mode.
@@ -73,10 +73,11 @@ class Profile:
         return (*fields, "power")
 
     def priors(self, inflation: float) -> list[Prior]:
-        """Priors of mass over preload, and of the damping ratio's exponent.
+        """Priors of mass over preload, of the damping ratio's exponent, and of a frame's mode.
 
         The exponent is 0.5 ± 0.7, between hysteresis (0) and damping in the springs (1); it can be that of
-        damping in the guide (-1). ``inflation`` is the variance of the cells over that of white noise.
+        damping in the guide (-1). ``inflation`` is a result of
+        :func:`~ballscrew.modal.joint.uncertainty.variance_inflation`.
         """
         out = [Prior((("power", 1.0),), 0.5, 0.7)]
         if self.mass_over_preload > 0:
@@ -90,11 +91,11 @@ class Profile:
         return out
 
     def scaled_load_deviation(self, inflation: float) -> float:
-        """Standard deviation of the prior of ln(mass over preload), for the residuals of the fit.
+        """Standard deviation of the prior of ln(mass over preload), scaled to the weight of the data in a fit.
 
-        The fit treats its residuals as white noise, and so gives the data too much weight where cells scatter
-        more than that. The standard deviation of the prior is reduced by the same factor, so that data and
-        prior have their true weights relative to each other.
+        A fit takes its residuals for white noise, and so gives the data too much weight by the factor
+        ``inflation``. The information of the prior is multiplied by the same factor: by
+        SAMPLES_PER_INDEPENDENT in the fit, and by the rest here.
         """
         return self.load_deviation * math.sqrt(SAMPLES_PER_INDEPENDENT / inflation)
 
@@ -113,11 +114,11 @@ def fit_profile(
     blocks : sequence of Block
         Data.
     modes : tuple of AxialMode
-        Initial values.
+        Initial modes, by the index ROTOR_FREE or ROTOR_HELD.
     profile : Profile
         Which parameters are fitted.
     variation : LocalVariation
-        As estimated so far.
+        Local variation estimated so far.
     most_steps : int
         Upper limit of the iterations.
 
@@ -126,7 +127,7 @@ def fit_profile(
     JointFit
         The last fit.
     LocalVariation
-        Assumed in its priors.
+        The local variation assumed in its priors, with the weight of the prior of mass over preload.
     """
     w = blocks[0].windows
     places = tuple(sorted({cell.position - w.middle for cell in w.cells}))
@@ -172,12 +173,12 @@ def _fit_once(
 def _variation(
     now: JointFit, places: tuple[float, ...], assumed: LocalVariation, curved: bool
 ) -> LocalVariation:
-    """The local variation estimated from a fit."""
+    """The local variation estimated from a fit for which ``assumed`` was assumed."""
     if assumed.spread == 0:
         now = with_local_parameters(now, with_places(now.modes, places), local_fields(places))
     return estimate_variation(now, curved)
 
 
 def _change(value: float, before: float) -> float:
-    """Size of the change of a logarithm."""
+    """Absolute change of the logarithm of a positive value."""
     return abs(math.log(value / max(before, 1e-9)))

@@ -1,4 +1,4 @@
-"""Whitening of residuals, and free vibration with which a window may begin."""
+"""Whitening of residuals, and removal of the free vibration with which a window may begin."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BLOCK = 1024  # elements that are whitened at once: 8 kB of each array
 
 @compiled()
 def _filter(values: Array, taps: Array, columns: int, out: Array) -> None:
-    """Filter the rows of a window from rest; ``values`` and ``out`` hold one row after the other."""
+    """Filter each column of a window from rest; ``values`` and ``out`` contain its rows, concatenated."""
     # Tap by tap over a block that fits into the processor's cache: such loops are vectorised.
     for begin in range(0, values.shape[0], _BLOCK):
         end = min(begin + _BLOCK, values.shape[0])
@@ -38,24 +38,22 @@ def whiten_windows(
     free: Array,
     out: Array,
 ) -> None:
-    """Whiten every window, and remove from it what its free vibration explains.
-
-    A sample that does not count is 0 in the result.
+    """Whiten every window, and subtract its projection on the free vibration.
 
     Parameters
     ----------
     values : ndarray, shape (n, columns)
-        Of all windows, one after the other.
+        Signals of all windows, concatenated.
     first : ndarray, shape (windows + 1,)
-        First sample of each window.
-    taps : ndarray
-        Of the whitening filter, which begins each window at rest.
+        First sample of each window, and the end of the last.
+    taps : ndarray, shape (taps,)
+        Whitening filter, which begins each window at rest.
     keep : ndarray of bool, shape (n,)
-        Samples that count.
+        Samples that are counted in the fit; the others are 0 in the result.
     free : ndarray, shape (n, k)
-        Columns, orthonormal in every window and 0 at samples that do not count: see :func:`free_responses`.
+        Free vibration as of :func:`free_responses`, orthonormal in every window.
     out : ndarray, shape (n, columns)
-        Filled.
+        Filled with the whitened signals, in the unit of ``values``.
     """
     columns = values.shape[1]
     flat, flat_out = values.reshape(values.size), out.reshape(out.size)
@@ -86,9 +84,9 @@ def free_responses(
     Parameters
     ----------
     first : ndarray, shape (windows + 1,)
-        First sample of each window.
+        First sample of each window, and the end of the last.
     begin : ndarray, shape (windows,)
-        First sample that counts of each window: the vibration decays from there.
+        First counted sample of each window: the vibration decays from there.
     omega : ndarray, shape (windows, modes)
         Angular frequencies, rad/s.
     damping : ndarray, shape (windows, modes)
@@ -98,7 +96,7 @@ def free_responses(
     taps, keep
         As for :func:`whiten_windows`.
     out : ndarray, shape (n, 2 * modes)
-        Filled; 0 at samples that do not count.
+        Filled, without unit; 0 at samples that are not counted.
     """
     for window in range(first.shape[0] - 1):
         start, stop = first[window], first[window + 1]
@@ -111,7 +109,8 @@ def free_responses(
             decay = math.exp(-zeta * omega[window, mode] * dt)
             at = begin[window] - start
             a, b = 1.0, 0.0
-            for i in range(at, -1, -1):  # backwards without decay, or it would grow; it fills the filter
+            # Earlier samples, for the memory of the filter: without decay, which would make them grow.
+            for i in range(at, -1, -1):
                 pair[0, i], pair[1, i] = a, b
                 a, b = cosine * a + sine * b, cosine * b - sine * a
             a, b = 1.0, 0.0
@@ -132,7 +131,7 @@ def free_responses(
 
 @compiled()
 def _orthonormalise(x: Array) -> None:
-    """Orthonormal rows in place; Gram and Schmidt twice, since once leaves a rounding error."""
+    """Make rows orthonormal, in place: Gram and Schmidt twice, since once leaves a rounding error."""
     for row in range(x.shape[0]):
         for _ in range(2):
             for before in range(row):
@@ -146,14 +145,19 @@ def _orthonormalise(x: Array) -> None:
 
 
 def whitening_filter(residuals: Sequence[Array], floor: float) -> Array:
-    """Taps of an autoregressive filter by the equations of Yule and Walker; ``[1]`` for residuals of 0.
+    """Whitening filter of residuals by an autoregressive model, from the equations of Yule and Walker.
 
     Parameters
     ----------
     residuals : sequence of ndarray, shape (n,) or (n, responses)
-        Of separate windows.
+        Residuals of each window.
     floor : float
         As for :func:`ballscrew.modal.joint.blocks.with_whitening`.
+
+    Returns
+    -------
+    ndarray, shape (9,) or (1,)
+        Taps of the filter, without unit, the first of them 1; ``[1]`` for residuals of 0.
     """
     from scipy.linalg import solve_toeplitz
 
