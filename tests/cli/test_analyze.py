@@ -1,18 +1,28 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from tests.cli.conftest import FILES
+from tests.estimation.made_runs import run_of
 from threadpoolctl import threadpool_limits
 
 import ballscrew as package
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.native import read_table
 from ballscrew.base.tables import FREQUENCY_RESPONSE, validate
+from ballscrew.cli.analyze import print_run
+from ballscrew.modal.cell import CellResult
 from ballscrew.modal.joint.identify import identify_jointly
-from ballscrew.modal.run import Run
+from ballscrew.modal.reason import Reason
+from ballscrew.modal.run import FrameMode, RigidBodyResult, Run
+from ballscrew.recording.drive_input import DriveInput
+from ballscrew.recording.rotation import TableRotation
+from ballscrew.recording.temperature import TemperatureCourse
+from ballscrew.report.explain_words import frame_words
 
 pytestmark = pytest.mark.usefixtures("fitted_once")
 
@@ -274,3 +284,67 @@ def test_the_function_of_the_same_name(rig):
     assert run.quality.verdict == "good"
     assert run.frequency_response.sizes["cell"] == 20
     assert np.isfinite(run.frequency_response["S_uu"].values).all()
+
+
+def printed(capsys, run, *, verbose=True):
+    """What ``analyze`` prints of a run, on one line."""
+    capsys.readouterr()
+    print_run(run, verbose=verbose)
+    return " ".join(capsys.readouterr().out.split())
+
+
+def test_the_table_of_the_cells_is_exported(ballscrew, rig, tmp_path):
+    path = tmp_path / "cells.csv"
+    assert ballscrew("analyze", rig / "run.toml", "--method", "paper", "--export", path).status == 0
+    table = pd.read_csv(path)
+    assert len(table) == 20
+    wrong = ballscrew("analyze", rig / "run.toml", "--export", tmp_path / "cells.xlsx")
+    assert (wrong.status, wrong.out) == (2, "")
+    assert "ends with .csv or .parquet" in wrong.err
+
+
+def test_details_name_the_drive_signals_the_frame_and_the_rotation_of_the_table(capsys):
+    run = run_of(temperature_C=21.0)
+    plain = printed(capsys, run)
+    for words in ("Driven by", "frame has a mode", "Table:", "±  K"):
+        assert words not in plain
+    assert "21.0 °C, 1 file" in plain
+    found = replace(
+        run,
+        temperature=TemperatureCourse(21.0, 20.0, 22.0, 3.0),
+        drive_input=DriveInput("current", ("i_u", "i_v"), "data sheet"),
+        frame_mode=FrameMode(41.0, 0.5, 0.02, 12.3, 0.1, True),
+        table_rotation=(
+            TableRotation("pitch", ratio_at_mode=0.123, frequency_Hz=87.4),
+            TableRotation("yaw", frequency_Hz=65.0),
+            TableRotation("roll"),
+        ),
+    )
+    words = printed(capsys, found)
+    assert "21.0 °C ± 0.9 K, 1 file" in words  # a uniform distribution
+    assert "Driven by i_u, i_v, pole pairs by the data sheet" in words
+    assert frame_words(found.frame_mode) in words
+    assert "Table: pitch 0.12 of the motion along the screw at the mode, most at 87 Hz" in words
+    assert "Table: yaw, most at 65 Hz" in words
+    assert "roll" not in words
+    torque = replace(run, drive_input=DriveInput("torque", ("m",)))
+    assert "Driven by" not in printed(capsys, torque)
+
+
+def test_details_have_the_masses_that_are_known_and_why_the_others_are_not(capsys):
+    body = RigidBodyResult(equivalent_mass_kg=170.0, reasons=("the lead is not known",))
+    words = printed(capsys, replace(run_of(), rigid_body=body))
+    assert "Equivalent mass 170 kg • the lead is not known" in words
+    for name in ("Moving mass", "friction", "Offset", "from the FRF"):
+        assert name not in words
+
+
+def test_the_hint_names_the_motion_where_there_are_several(capsys):
+    first, *others = run_of().cells
+    reason = Reason("noise", "there is noise")
+    refused = CellResult.refused(first.key._replace(motion=1), 10, "joint", [reason])
+    words = printed(capsys, replace(run_of(), cells=(*others, refused)), verbose=False)
+    assert words.endswith(f"--explain {round(1e3 * first.position_m, 1):g}mm:{first.condition}:1")
+    refused = CellResult.refused(first.key, 10, "joint", [reason])
+    words = printed(capsys, replace(run_of(), cells=(*others, refused)), verbose=False)
+    assert words.endswith(f"--explain {round(1e3 * first.position_m, 1):g}mm:{first.condition}")

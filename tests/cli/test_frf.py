@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from benchmarks.drive_excitation import RATE, ROTOR_FREE, ROTOR_HELD, simulate
 
@@ -131,3 +132,18 @@ table.mass = "100 kg"
 drive.rotor_inertia = "6.3e-4 kg m^2"
 guide.friction = "25 N"
 """
+
+
+def test_the_table_of_the_modes_is_exported(command, tmp_path):
+    path = tmp_path / "modes.csv"
+    assert command("--position", "200 mm", "--export", path).status == 0
+    (row,) = pd.read_csv(path).to_dict("records")
+    assert row["frequency_Hz"] == pytest.approx(ROTOR_FREE, rel=3e-3)
+    wrong = command("--position", "200 mm", "--export", tmp_path / "modes.xlsx")
+    assert (wrong.status, wrong.out) == (2, "")
+
+
+def test_a_mode_that_is_not_found_has_dashes_and_a_reason(command):
+    outcome = command("--position", "200 mm", "--band", "20", "60")
+    assert outcome.status == 0
+    assert "– │ – │ – │ –" in " ".join(outcome.out.split())
