@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import re
 from types import SimpleNamespace
 from typing import Any
@@ -20,8 +21,10 @@ from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import write_json
 from ballscrew.calibration.calibration import calibrate
 from ballscrew.calibration.modelfile import model_json
+from ballscrew.service import calibrating
 from ballscrew.service.calibrating import CalibrationTask, Calibrator, calibrate_stored
 from ballscrew.service.serving import Service
+from ballscrew.store.adding import add_run
 from ballscrew.store.raw_files import text_files
 
 ADDRESS = "/api/v1/axes/bench/calibration"
@@ -167,3 +170,59 @@ def test_a_process_that_dies_or_takes_too_long_is_a_sentence(new_service: NewSer
             assert (found["status"], found["model"]) == ("failed", None)
             assert sentence in found["error"]
             assert sentence in get(client, PAGE)
+
+
+def test_an_axis_without_a_data_sheet_is_not_calibrated(new_service: NewService) -> None:
+    service = new_service()
+    add_run(service.store, RUNS[0])
+    with pytest.raises(InputError, match="the axis 'bench' has no data sheet: set it up first"):
+        calibrate_stored(CalibrationTask(str(service.store.path), "bench", (RUNS[0].id,), {}))
+
+
+@pytest.mark.parametrize(
+    ("end", "answer"),
+    [
+        (lambda _: {"kind": "model"}, ("done", {"kind": "model"})),
+        (lambda task: calibrate_stored(task), ("refused", "no axis 'none'")),
+        (lambda _: 1 / 0, ("failed", "unexpected error (ZeroDivisionError: division by zero)")),
+    ],
+)
+def test_the_process_sends_the_model_or_a_sentence(
+    service: Service, monkeypatch: pytest.MonkeyPatch, end: Any, answer: tuple[str, Any]
+) -> None:
+    monkeypatch.setattr(calibrating, "calibrate_stored", end)
+    ours, theirs = multiprocessing.Pipe(duplex=False)
+    calibrating.work(theirs, CalibrationTask(str(service.store.path), "none", ("a",), {}))
+    status, result = ours.recv()
+    assert status == answer[0]
+    assert result == answer[1] or answer[1] in result
+
+
+def test_a_model_for_a_server_that_has_gone_is_no_error(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calibrating, "calibrate_stored", lambda _: {})
+    ours, theirs = multiprocessing.Pipe(duplex=False)
+    ours.close()
+    calibrating.work(theirs, CalibrationTask(str(service.store.path), "bench", ("a",), {}))
+
+
+def test_a_process_that_cannot_be_started_is_a_sentence_and_another_calibration_can_begin(
+    client: TestClient, service: Service
+) -> None:
+    set_target(client, lambda *_: None)  # which cannot be sent to a process
+    changes = service.changes
+    for _ in range(2):
+        assert client.post(ADDRESS, json={"runs": ["a"]}).status_code == 202
+        found = ended(client)
+        assert found["status"] == "failed"
+        assert found["error"].startswith("the calibration failed: ")
+    wait_for(lambda: service.changes >= changes + 2)
+
+
+def test_a_calibration_ends_with_the_server(client: TestClient, service: Service) -> None:
+    set_target(client, quick_calibration.wait)
+    assert client.post(ADDRESS, json={"runs": ["a"]}).status_code == 202
+    service.stopping.set()
+    found = ended(client)
+    assert (found["status"], found["error"]) == ("failed", "the server stops.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import ssl
 import subprocess
 import sys
@@ -17,7 +18,7 @@ from typing import Any
 
 import pytest
 from sqlalchemy import select
-from tests.service.conftest import SETUP, NewService, client_of, send_result, work_off
+from tests.service.conftest import SETUP, NewService, client_of, send_result, wait_for, work_off
 from tests.service.sinks import (
     PASSWORD,
     USER,
@@ -34,9 +35,11 @@ from tests.store.stored import MODEL, RUNS
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.service import delivering
 from ballscrew.service.delivering import plan_messages, send_messages
+from ballscrew.service.mail import send_mail
 from ballscrew.service.planning import unclosed_alarms
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
+from ballscrew.service.webhooks import DeliveryError
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.service_tables import AlarmAction, Delivery, Message, Trouble
 from ballscrew.store.tables import AlarmRow, Axis
@@ -523,3 +526,72 @@ def test_alarms_that_are_closed_or_retracted_are_planned_no_more(make: Made, hoo
 def read_subjects(service: Service) -> set[str]:
     with service.store.read() as session:
         return {name for _, name in unclosed_alarms(session)}
+
+
+def test_messages_are_planned_and_sent_until_the_service_stops_and_after_an_error(
+    new_service: NewService, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A change wakes the thread at once."""
+    service = new_service()
+    done: list[str] = []
+
+    def plan(_: Service, at: datetime) -> None:
+        assert (datetime.now(UTC) - at).total_seconds() < PATIENCE
+        done.append("plan")
+        if len(done) == 1:
+            raise OSError("no disk")
+
+    def send(_: Service, clock: Callable[[], datetime]) -> None:
+        assert clock().tzinfo is UTC
+        done.append("send")
+
+    monkeypatch.setattr(delivering, "plan_messages", plan)
+    monkeypatch.setattr(delivering, "send_messages", send)
+    monkeypatch.setattr(delivering, "_PERIOD", 2 * PATIENCE)
+    thread = threading.Thread(target=delivering.run_messages, args=(service,), daemon=True)
+    thread.start()
+    for number in (1, 3, 5):
+        wait_for(lambda: len(done) >= number)  # noqa: B023  waited for here
+        if number == 5:
+            service.stopping.set()
+        service.announce()
+    thread.join(PATIENCE)
+    assert not thread.is_alive()
+    assert done == ["plan", "plan", "send", "plan", "send"]
+    assert [record.getMessage() for record in caplog.records] == ["messages"]
+
+
+@pytest.mark.parametrize(
+    ("answers", "sentence"),
+    [
+        (["250 sink"], "it does not offer STARTTLS"),
+        (["250-sink\r\n250 STARTTLS", "454 TLS not available"], "it answered 454 TLS not available"),
+    ],
+)
+def test_a_server_of_e_mail_without_tls_receives_neither_password_nor_message(
+    tls: Certificate, monkeypatch: pytest.MonkeyPatch, answers: list[str], sentence: str
+) -> None:
+    monkeypatch.setenv("SMTP_PASSWORD", PASSWORD)
+    heard: list[str] = []
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def answer() -> None:
+            connection, _ = listener.accept()
+            with connection, connection.makefile("rwb", buffering=0) as stream:
+                stream.write(b"220 sink\r\n")
+                for text in answers:
+                    heard.append(stream.readline().decode())
+                    stream.write(f"{text}\r\n".encode())
+                for line in stream:
+                    heard.append(line.decode())
+                    stream.write(b"221 bye\r\n")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        settings = mail_settings(tls, listener.getsockname()[1])
+        assert settings.smtp is not None
+        with pytest.raises(DeliveryError, match=sentence):
+            send_mail(settings.smtp, TO, "an alarm", "text", "key-1", AT, PATIENCE)
+        thread.join(PATIENCE)
+    assert [line.split()[0] for line in heard][: len(answers)] == ["ehlo", "STARTTLS"][: len(answers)]
+    assert not any(line.startswith(("AUTH", "MAIL")) for line in heard)

@@ -12,7 +12,9 @@ from typing import Any
 import pytest
 from tests.service.conftest import NewService, client_of
 
+from ballscrew.service import health
 from ballscrew.service.health import beat, beat_regularly
+from ballscrew.service.serving import Service
 from ballscrew.service.settings import ServerSettings
 
 READY: Any = [SimpleNamespace(is_ready=True)]
@@ -84,3 +86,25 @@ def test_without_an_address_there_is_none_and_a_stop_ends_it(new_service: NewSer
 def test_an_address_that_is_no_web_address_is_named_without_it(url: str) -> None:
     (problem,) = ServerSettings(heartbeat_url=url).problems()
     assert problem == "heartbeat_url: is no address that begins with https:// or http://."
+
+
+def test_it_is_sent_regularly_until_the_service_stops_and_soon_after_the_start(
+    new_service: NewService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service = new_service(heartbeat_url="https://example.com")
+    pauses: list[float] = []
+
+    def wait(pause: float) -> bool:
+        pauses.append(pause)
+        return len(pauses) > 3
+
+    monkeypatch.setattr(service, "stopping", SimpleNamespace(wait=wait))
+    monkeypatch.setattr(health, "beat", lambda service, _: service.heartbeats.update(["sent"]))
+    beat_regularly(service, READY)
+    assert pauses == [60.0, 300.0, 300.0, 300.0]
+    assert service.heartbeats == {"sent": 3}
+
+
+def test_without_an_address_none_is_sent(service: Service) -> None:
+    beat(service, READY)
+    assert service.heartbeats == {}

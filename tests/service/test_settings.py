@@ -21,6 +21,7 @@ from ballscrew.service.settings import (
     origins,
     read_settings,
 )
+from ballscrew.store.retention import RetentionPolicy
 
 
 def test_an_option_overrides_the_environment_which_overrides_the_file(
@@ -179,3 +180,15 @@ def test_the_default_folder_is_the_users(
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
     assert default_folder().parts[-len(end.parts) :] == end.parts
+
+
+def test_a_file_of_settings_that_is_named_is_read_instead_of_that_of_the_data_folder(tmp_path: Path) -> None:
+    (tmp_path / "server.toml").write_text("port = 1\n")
+    other = tmp_path / "other.toml"
+    other.write_text("port = 2\nretention_days = 90\nretention_newest = 5\n")
+    found = read_settings(tmp_path, other, {})
+    assert (found.port, found.retention) == (2, RetentionPolicy(90.0, 5))
+    assert read_settings(tmp_path, None, {}).retention is None
+    assert origins(tmp_path, other, {})["port"] == str(other)
+    with pytest.raises(InputError, match="there is no such file"):
+        read_settings(tmp_path, tmp_path / "none.toml", {})

@@ -8,6 +8,7 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import sqlalchemy
 from pydantic import SecretStr
@@ -16,7 +17,7 @@ from tests.service.conftest import client_of
 from tests.store.stored import RUNS
 
 from ballscrew.base.errors import InputError
-from ballscrew.service import signing_in
+from ballscrew.service import signing_in, support
 from ballscrew.service.logs import LOG_FILE, logging_to, read_log
 from ballscrew.service.serving import Service
 from ballscrew.service.settings import ServerSettings
@@ -155,3 +156,24 @@ def test_it_is_written_whole_or_not_at_all(
     assert [each.name for each in tmp_path.glob("*.zip")] == ["bundle.zip"]
     with pytest.raises(InputError, match="make the folder"):
         write_bundle(worn_service.store.path, ServerSettings(), {}, tmp_path / "missing" / "x.zip")
+
+
+def test_a_package_that_is_not_installed_is_named_as_such(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(support, "_PACKAGES", ("numpy", "no-such-package"))
+    packages = support._versions()["packages"]
+    assert packages == {"numpy": np.__version__, "no-such-package": "not installed"}
+
+
+def test_a_line_of_the_log_that_was_cut_is_omitted(tmp_path: Path) -> None:
+    lines = ['{"message": "a"}', '{"message": "b', "3", "\xff", '{"message": "c"}']
+    (tmp_path / LOG_FILE).write_text("\n".join(lines), encoding="latin-1")
+    assert [line["message"] for line in read_log(tmp_path, 10)] == ["a", "c"]
+
+
+def test_a_log_that_cannot_be_written_is_no_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nor is anything printed of it: the service goes on, and on stderr is what was logged."""
+    (tmp_path / LOG_FILE).mkdir()
+    log = logging.getLogger("ballscrew.service")
+    with logging_to(tmp_path, "text"):
+        log.warning("the disk is full")
+    assert capsys.readouterr().err == "the disk is full\n"

@@ -16,6 +16,7 @@ import pytest
 from tests.service.sinks import HookSink, hook_sink, make_certificate
 
 from ballscrew.base.errors import InputError
+from ballscrew.service import webhooks
 from ballscrew.service.recipients import WebhookRecipient
 from ballscrew.service.webhooks import DeliveryError, delivering, post_webhook, resolve
 
@@ -206,3 +207,16 @@ def test_a_connection_that_is_made_after_the_limit_is_closed_too() -> None:
     with ours, theirs, pytest.raises(DeliveryError, match="no answer within"):
         receive()
     assert found == []
+
+
+def test_the_next_address_is_tried_where_the_first_does_not_answer(
+    sink: HookSink, tls: tuple[Path, ssl.SSLContext], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    addresses = ["127.0.0.2", "127.0.0.1"]
+    monkeypatch.setattr(webhooks, "resolve", lambda *_, **__: addresses)
+    post(webhook(sink.url, ca_file=tls[0]))
+    assert len(sink.requests) == 1
+    addresses.pop()
+    with pytest.raises(DeliveryError, match="cmms: "):
+        post(webhook(sink.url, ca_file=tls[0]))
+    assert len(sink.requests) == 1
