@@ -17,48 +17,53 @@ from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import TiedCurves, nut_loads, sheet_weight, tie_slopes
 
-_SHORTEST = 0.05  # m, least travel over which the slopes of the two modes are compared
+_SHORTEST = 0.05  # m: a shorter axis counts as so long where the slopes of the two modes are tied
 
-# Sizes of the terms of the uncertainty. They were set with 174 runs on 29 random axes of the testbed:
-# docs/explanation/identification.md, "The uncertainty".
+# Sizes of the terms of the uncertainty, without unit. They were set with 174 runs on 29 random axes of the
+# testbed: docs/explanation/identification.md, "The uncertainty". A relative error is that of the frequency.
 
-# An unmeasured force rings with the mode: error over the half-width of the resonance (damping ratio times
-# frequency), where it is the whole power of the response; in proportion to the unexplained part of the power.
+# Term "residual", of an unmeasured force that rings with the mode: error over the half-width of the resonance
+# (damping ratio times frequency), per unexplained part of the power of the response.
 _FORCE = 0.5
-# Part of the power unexplained by the motor's motion that is force; the rest is encoder noise.
+# Part of the power unexplained by the motor's motion that is due to such a force; the rest is encoder noise.
 _FORCE_OF_MOTION = 0.6
 
-# Error of the compliance between two stops, over the deviation of a stop from its neighbours.
+# Term "local": error of the compliance between two stops, over the deviation of a stop from its neighbours.
 _INTERPOLATION = 0.06
-_CELLS = math.sqrt(0.5)  # of the scatter of cells: half of its variance is also in the scatter of conditions
+# Term "noise": factor of the scatter of cells, half of whose variance is also in the scatter of conditions.
+_CELLS = math.sqrt(0.5)
 
-# The load on the nut, as a multiple F/P of its preload. Relative error of the frequency at F = P for a nut
-# that is all of the compliance: by even wear that the softening in the run does not show, in proportion to
-# (F/P)² and to the weight of the data sheet in the load; and by the law of the softening, in proportion to
-# F/P, to (F/P)² above 1.
+# Term "load", for a nut that is all of the compliance, at a load F on the nut that is equal to its preload P.
+# Relative error by even wear that the softening in the run does not show, in proportion to (F/P)² and to the
+# weight of the data sheet in the load; and by the law of the softening, in proportion to F/P below 1 and to
+# (F/P)² above.
 _WORN, _LAW = 0.008, 5e-4
-_ZERO = 0.003  # relative error of the zero from torque to motor, by modes above: 0.4 % on the bench
+# Relative error of the rotor-held frequency as the zero of the motor's response to the torque, by modes above
+# the band: 0.4 % on the bench.
+_ZERO = 0.003
 
-# A force between whole orders of a turn, as of a belt, that whole orders represent: relative error of the
-# frequency where it is the whole power of the response, in proportion to its amplitude.
+# Term "ripple", of a force between whole orders of a turn, as of a belt, that is fitted as whole orders:
+# relative error where it is the whole power of the response, in proportion to its amplitude.
 _FRACTIONAL = 0.025
-# Relative error of the frequency where a mode of the frame is fitted: half of the largest of 120 cells of two
-# random axes, with frames of 4, 8 and 20 times the moving mass at 0.8 to 1.1 of the mode. A frame of 4 times
-# the moving mass leaves twice as much as the others, so it grows with the coupling from 1/8 on.
+# Term "frame": relative error where a mode of the frame is fitted, half of the largest in 120 cells of two
+# random axes, with frames of 4, 8 and 20 times the moving mass at 0.8 to 1.1 of the mode; and the coupling
+# (moving mass over that of the frame) from which on it grows in proportion, since the frame of 4 times the
+# moving mass leaves twice the error of the others.
 _FRAME, _FRAME_COUPLING = 2e-3, 1 / 8
-# Amplitude of the torque's rounding in the band over that by its steps and the rate of its changes: 0.65 to
+# Amplitude of the torque's rounding error in the band over that by its steps and the rate of changes: 0.65 to
 # 0.8 for steps of 0.02 to 0.1 N m on the bench.
 _ROUNDING = 0.8
-# Errors by the rounding, from 16 runs of the bench with steps of 0.02, 0.05 and 0.1 N m that begin at other
-# torques: rms of the mean over `_rounding_amplitude` times the damping ratio, and of the difference from the
-# middle to an end of the axis over that amplitude. The fitted damping grows with the rounding, by another
-# amount at each stop. In 8 runs of an axis of the testbed the mean was 0.2 and the tilt 0.022.
+# Term "steps", of the rounding, from 16 runs of the bench with steps of 0.02, 0.05 and 0.1 N m that begin at
+# other torques. Rms of the mean relative error over the product of `_rounding_amplitude` and damping ratio;
+# and rms of the difference of the relative errors in the middle and at an end of the axis, over
+# `_rounding_amplitude`. The fitted damping grows with the rounding, by another amount at each stop. In 8 runs
+# of an axis of the testbed the mean was 0.2 and the tilt 0.022.
 _ROUNDING_MEAN, _ROUNDING_TILT = 1.4, 0.095
-_LEAST_ROUNDING = 5e-5  # of the frequency: smaller terms are left out
+_LEAST_ROUNDING = 5e-5  # damping ratio times `_rounding_amplitude` up to which the term is omitted
 
-_LEAST_UNMEASURED = 1e-4  # of the power of the response: with less unmeasured force there is no such term
+_LEAST_UNMEASURED = 1e-4  # part of the power of the response by unmeasured force: no term "ripple" up to it
 
-# The rotor-held frequency is estimated in two ways: a third of their difference is a standard uncertainty.
+# Difference of the rotor-held frequencies by the two methods, over the standard uncertainty due to it.
 _METHODS_DIFFERENCE = 3.0
 
 _ZERO_DAMPING = 0.3  # largest damping ratio of the zero of the motor's response
@@ -71,11 +76,11 @@ class Term:
     Parameters
     ----------
     name : str
-        As in ``uncertainty_terms_Hz``.
+        Key in ``uncertainty_terms_Hz``.
     repeats : bool
         Whether its errors are the same in another run of the same plan.
     effects : ndarray, shape (causes, cells)
-        Effects of independent causes on every cell, Hz.
+        Effects of independent causes on every cell, each of one standard deviation, Hz.
     """
 
     name: str
@@ -84,23 +89,24 @@ class Term:
 
     @property
     def size(self) -> Array:
-        """Standard uncertainty of every cell, Hz."""
+        """Standard uncertainty of every cell by this term, shape (cells,), Hz."""
         return np.asarray(np.sqrt(np.sum(self.effects**2, axis=0)))
 
 
 @dataclass(frozen=True, slots=True)
 class CellFrequencies:
-    """Estimates for all cells of the windows, shape (cells,) each.
+    """Estimates for all cells that have a window.
 
     Parameters
     ----------
-    free : ndarray
-        Rotor free, Hz.
+    free : ndarray, shape (cells,)
+        Natural frequency with the rotor free, Hz.
     terms : list of Term
-        Of the uncertainty of ``free``.
-    rotor_held, rotor_held_uncertainty : ndarray
-        Rotor held, Hz; the uncertainty is infinite if it is not determined.
-    nut_load : ndarray
+        Terms of the uncertainty of ``free``.
+    rotor_held, rotor_held_uncertainty : ndarray, shape (cells,)
+        Natural frequency with the rotor held and its standard uncertainty, Hz; the latter is not finite if
+        the run does not determine the frequency.
+    nut_load : ndarray, shape (cells,)
         Highest load on the nut over its preload.
     """
 
@@ -112,7 +118,7 @@ class CellFrequencies:
 
     @property
     def uncertainty(self) -> Array:
-        """Standard uncertainty of the rotor-free frequency, Hz."""
+        """Standard uncertainty of the rotor-free frequency, shape (cells,), Hz."""
         return _total(self.terms)
 
 
@@ -124,11 +130,11 @@ def estimate_frequencies(
     Parameters
     ----------
     found : SearchResult
-        The fit.
+        The final fit and the one before whitening.
     settings : JointSettings
-        Settings.
+        Settings of the method.
     rounding : float
-        Power of the rounding of the force over the total inertia, (m/s²)²/Hz.
+        Power spectral density of the rounding error of the force over the total inertia, (m/s²)²/Hz.
 
     Returns
     -------
@@ -147,8 +153,10 @@ def estimate_frequencies(
         found, final, unwhitened, settings, free, _total(terms)
     )
     loads, shares = nut_loads(fit)
-    if fit.modes[0].mass_over_preload > 0:
-        loads = loads * max(1.0, found.profile.least_mass_over_preload / fit.modes[0].mass_over_preload)
+    mass_over_preload = fit.modes[0].mass_over_preload
+    if mass_over_preload > 0:
+        # Not lower than by the data sheet's lower limit.
+        loads = loads * max(1.0, found.profile.least_mass_over_preload / mass_over_preload)
     law = _LAW * loads * np.maximum(loads, 1.0)
     worn = _WORN * sheet_weight(fit, found.variation.load_prior_weight) * loads**2
     terms.append(Term("load", False, (np.hypot(law, worn) * shares * free)[None]))
@@ -158,52 +166,55 @@ def estimate_frequencies(
     amplitude = _rounding_amplitude(fit, rounding)
     by_rounding = fit.modes[ROTOR_FREE].damping * amplitude
     if by_rounding > _LEAST_ROUNDING:
+        mean = np.full(len(place), _ROUNDING_MEAN * by_rounding)
         tilt = _ROUNDING_TILT * amplitude * (place - place.mean()) / (reach / 2)
-        effects = np.stack([np.full(len(place), _ROUNDING_MEAN * by_rounding), tilt])
-        terms.append(Term("steps", False, effects * free))
+        terms.append(Term("steps", False, np.stack([mean, tilt]) * free))
     return CellFrequencies(free, terms, rotor_held, rotor_held_uncertainty, loads)
 
 
 def _rounding_amplitude(fit: JointFit, rounding: float) -> float:
-    """Rounding of the torque in the band over the torque itself, each an amplitude of one phase.
+    """Rms of Im(e/F) in the band, of the torque's rounding error e and the torque F.
 
-    A force e beside F turns the phase of the response to F by Im(e/F). At the resonance that looks like a
-    shift of the frequency by the damping ratio times as much. The motion is the same at every stop, and so,
-    on average, is the rounding.
+    A force e in addition to F turns the phase of the response to F by Im(e/F). At the resonance this has the
+    effect of a relative shift of the frequency by Im(e/F) times the damping ratio. The motion is the same at
+    every stop, and so, on average, is the rounding. Half of the power of e/F is in its imaginary part.
     """
     w = fit.blocks[0].windows
-    power = float(np.mean(w.force_band[w.from_rest] ** 2))
-    rounded = _ROUNDING**2 * rounding * (w.band.high - w.band.low)
-    return math.sqrt(rounded / max(power, 1e-300) / 2)
+    power = float(np.mean(w.force_band[w.from_rest] ** 2))  # of F, (m/s²)²
+    rounding_power = _ROUNDING**2 * rounding * (w.band.high - w.band.low)
+    return math.sqrt(rounding_power / max(power, 1e-300) / 2)
 
 
 def _unmeasured_power(found: SearchResult) -> float:
-    """Part of the response's power that the motor's motion explains and the torque does not."""
+    """Part of the power of the first response that the motor's motion explains and the torque does not."""
     by_block = unexplained_power(found.unwhitened)
     return max(found.unwhitened.solved[0].unexplained - by_block.get("motor-nut", 0.0), 0.0)
 
 
 def unexplained_power(fit: JointFit) -> dict[str, float]:
-    """Unexplained part of the power of each block, by the block's name."""
+    """Unexplained part of the power of each block's responses, by the block's name."""
     return {b.name: fit.solved[i].unexplained for i, b in enumerate(fit.blocks)}
 
 
 def _curve(
     final: TiedCurves, unwhitened: TiedCurves, mode: int, place: Array, settings: JointSettings
 ) -> tuple[Array, list[Term]]:
-    """Frequency along the axis and the terms of its uncertainty."""
+    """Frequency of a mode at positions from the middle (m), and the terms of its uncertainty."""
     f = final.curve(mode, place)
     fit = final.fit
     by_motion = unexplained_power(fit).get("motor-nut", 0.0)
     unexplained = max(fit.solved[0].unexplained, _FORCE_OF_MOTION * by_motion)
     force = _FORCE * unexplained * fit.modes[mode].damping
-    floor = settings.rotor_held_floor if mode == ROTOR_HELD else settings.model_floor
+    floor = settings.model_floor
+    if mode == ROTOR_HELD:
+        floor = settings.rotor_held_floor
+    # The relative error of a frequency is half of that of the compliance.
     interpolation = _INTERPOLATION / 2 * f[None] * local_residue(fit.modes[0], place)
     terms = [
         # Neither of these two contains all of the other.
         Term("noise", False, _CELLS * final.effects(mode, place, "noise")),
         Term("conditions", False, final.effects(mode, place, "conditions")),
-        # Half of what the whitening, and the tie of the slopes, has changed.
+        # Half of the change of the frequency by the whitening, and by the tie of the slopes.
         Term("weights", True, (f - unwhitened.curve(mode, place))[None] / 2),
         Term("drives", True, (f - mode_frequency(fit.modes[mode], place))[None] / 2),
         Term("model", True, floor * f[None]),
@@ -230,9 +241,10 @@ def _rotor_held_frequency(
     free: Array,
     free_uncertainty: Array,
 ) -> tuple[Array, Array]:
-    """Rotor-held frequency and its standard uncertainty, Hz.
+    """Rotor-held frequency and its standard uncertainty, shape (cells,), Hz.
 
-    By the nut's response to the motor's motion; without it by the zero of the motor's response to the torque.
+    Estimated by the nut's response to the motor's motion; without it by the zero of the motor's response to
+    the torque.
     """
     zero, zero_uncertainty = _torque_zero(found, free)
     fit = found.fit
@@ -245,7 +257,7 @@ def _rotor_held_frequency(
         rotor_held = zero
         uncertainty = np.sqrt(zero_uncertainty**2 + (free_uncertainty * zero / free) ** 2)
         uncertainty = np.hypot(uncertainty, _ZERO * rotor_held)
-    # If the motor's own motion is mostly noise, as with a coarse encoder, neither determines it.
+    # If the motor's motion is mostly noise, as with a coarse encoder, neither method determines it.
     for name, power in unexplained_power(found.unwhitened).items():
         if name != "torque-nut" and power > settings.most_unexplained:
             uncertainty = np.full_like(rotor_held, np.inf)
@@ -253,33 +265,36 @@ def _rotor_held_frequency(
 
 
 def _torque_zero(found: SearchResult, free: Array) -> tuple[Array, Array]:
-    """Zero (Hz) of the response from torque to motor, and its standard uncertainty.
+    """Zero of the motor's response to the torque, and its standard uncertainty, shape (cells,), Hz.
 
-    At the zero the spring takes all the force, and the rotor stands still as if it were held.
+    At the zero the spring takes all the force, and the rotor stands still as if it were held. Without a zero
+    the results are nan and infinity.
 
-    Modes above the band shift it, and noise of the torque resembles them. The zero is therefore estimated
-    without the column for these modes, and its shift with that column is part of the uncertainty.
+    Modes above the band shift the zero, and noise of the torque resembles them. The zero is therefore
+    estimated without the column for these modes, and its shift with that column is part of the uncertainty.
     """
     solved, first = _motor_projection(found), found.fit.blocks[0]
     damping = found.fit.modes[0].damping
     angle = 2 * math.pi * float(np.mean(free)) / first.windows.rate
-    with_modes = _zero_over_pole(solved.weights[:5, 0], angle, damping)
+    ratio_with_modes = _zero_over_pole(solved.weights[:5, 0], angle, damping)
     columns = solved.columns[:, :4]  # without the second derivative of the force
-    target = solved.columns[:, :5] @ solved.weights[:5] + solved.residual
+    target = solved.columns[:, :5] @ solved.weights[:5] + solved.residual  # without the ripple
     weights = np.linalg.lstsq(columns, target, rcond=None)[0][:, 0]
     ratio = _zero_over_pole(np.append(weights, 0.0), angle, damping)
-    if ratio is None or with_modes is None:
+    if ratio is None or ratio_with_modes is None:
         return np.full_like(free, np.nan), np.full_like(free, np.inf)
     noise = SAMPLES_PER_INDEPENDENT * first.mean_square(solved.residual)
     covariance = noise * np.linalg.pinv(columns.T @ columns)
+    # Without damping and delays, the ratio is 1 + weights[0] / weights[2].
     gradient = np.array([1 / weights[2], 0, -weights[0] / weights[2] ** 2, 0])
     relative = math.sqrt(max(float(gradient @ covariance @ gradient), 0.0)) / (2 * ratio)
     rotor_held = free * math.sqrt(ratio)
-    return rotor_held, np.hypot(rotor_held * relative, free * abs(math.sqrt(with_modes) - math.sqrt(ratio)))
+    shift = free * abs(math.sqrt(ratio_with_modes) - math.sqrt(ratio))
+    return rotor_held, np.hypot(rotor_held * relative, shift)
 
 
 def _motor_projection(found: SearchResult) -> Projection:
-    """The block from torque to motor, solved for the final mode."""
+    """Linear part of the block "torque-motor" at the final mode; the block is made if it was not fitted."""
     fit = found.fit
     for b, solved in zip(fit.blocks, fit.solved, strict=True):
         if b.name == "torque-motor":
@@ -290,18 +305,25 @@ def _motor_projection(found: SearchResult) -> Projection:
 
 
 def _zero_over_pole(weights: Array, angle: float, damping: float) -> float | None:
-    """Square of the zero's frequency over that of the pole; None if there is no zero below the pole.
+    """Ratio of squared frequencies: of the zero of the motor's response to the torque, over the pole.
 
     Parameters
     ----------
     weights : ndarray, shape (5,)
-        Of the columns of the block from torque to motor: response of the mode and its derivative, force and
-        its two derivatives. A derivative per sample is a factor s.
+        Weights of the first columns of the block "torque-motor": response of the mode and its derivative,
+        force and its two derivatives.
     angle : float
         Angular frequency of the mode, rad per sample.
     damping : float
         Damping ratio of the mode.
+
+    Returns
+    -------
+    float or None
+        None if there is no zero below the pole.
     """
+    # Polynomials in s, where a derivative per sample is a factor s. The response of the mode to the force is
+    # the damping and stiffness terms of `pole` over `pole`.
     pole = np.array([1.0, 2 * damping * angle, angle**2])
     direct = np.polymul([weights[4], weights[3], weights[2]], pole)
     of_mode = np.polymul([weights[1], weights[0]], pole * (0.0, 1.0, 1.0))

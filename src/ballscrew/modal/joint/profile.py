@@ -31,7 +31,7 @@ _FRAME_PRIORS = {"frame_damping": (0.05, 0.9), "pitch_damping": (0.03, 0.7)}
 _PITCH_DEVIATION = 0.05
 _ROUNDS = 3  # largest number of fits, each with the inflation and local variation estimated from the previous
 _LOCAL_ITERATIONS = 4  # largest number of iterations of a fit with local compliances
-_CONVERGED = 0.25  # largest change of ln(standard deviation) after the last fit; of ln(variance), twice that
+_CONVERGED = 0.25  # change of ln(standard deviation) below which the rounds end; of ln(variance), twice that
 INITIAL_INFLATION = 1000.0
 """Result of :func:`~ballscrew.modal.joint.uncertainty.variance_inflation` assumed in the first fit.
 
@@ -47,8 +47,8 @@ class Profile:
     curved : bool
         Whether the compliance is a parabola along the axis, and not a line.
     mass_over_preload, load_deviation, least_mass_over_preload : float
-        As of :func:`~ballscrew.modal.joint.initial.expected_mass_over_preload`: expected value, kg/N, standard
-        deviation of its logarithm, and lower limit, kg/N. 0 without a data sheet.
+        Results of :func:`~ballscrew.modal.joint.initial.expected_mass_over_preload`: value (kg/N), standard
+        deviation of its logarithm, and lower limit (kg/N); 0 without a data sheet.
     pitch : float
         Of an axis with a mode of the frame: initial frequency of the pitching mode, Hz, which is then fitted
         too. 0 without such a mode.
@@ -91,7 +91,7 @@ class Profile:
         return out
 
     def scaled_load_deviation(self, inflation: float) -> float:
-        """Standard deviation of the prior of ln(mass over preload), scaled to the weight of the data in a fit.
+        """Standard deviation of the prior of ln(mass over preload), in proportion to the weight of the data.
 
         A fit takes its residuals for white noise, and so gives the data too much weight by the factor
         ``inflation``. The information of the prior is multiplied by the same factor: by
