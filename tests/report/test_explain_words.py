@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from tests.estimation.made_runs import run_of
 
+from ballscrew.modal.cell import CellResult
 from ballscrew.modal.evidence import Evidence
-from ballscrew.modal.run import MotorRipple, Run
-from ballscrew.report.explain_words import _HELP, _MEANS, _deviation, _ripple, _verdict
+from ballscrew.modal.reason import Reason
+from ballscrew.modal.run import FrameMode, MotorRipple, Run
+from ballscrew.recording.quality.finding import Quality
+from ballscrew.report.explain_words import (
+    _HELP,
+    _MEANS,
+    _deviation,
+    _ripple,
+    _verdict,
+    advice,
+    explain,
+    headline,
+    place,
+)
 
 
 def evidence_of(deviation: float, scatter: float | None) -> Evidence:
@@ -55,3 +71,102 @@ def test_the_motors_ripple_is_reported_with_its_known_sizes() -> None:
     (fraction,) = _ripple(cast("Run", SimpleNamespace(motor_ripple=rows, cells=(wide,))))
     assert "as behind a belt" in fraction
     assert "belt" not in words
+
+
+def evidence_for(run: Run, number: int = 5, **others: Any) -> Evidence:
+    """Evidence for a cell of a run, measured in all of its transients."""
+    cell = run.cells[number]
+    given = {"cell": cell, "paper": cell, "found": 10, "whole": 10, "siblings": ()} | others
+    return Evidence(run, **given)
+
+
+def lines_of(given: Evidence, title: str) -> str:
+    (part,) = (part for part in explain(given) if part.title == title)
+    return " ".join(part.lines)
+
+
+def test_the_headline_names_the_motion_where_there_are_several() -> None:
+    run = run_of()
+    first = run.cells[0]
+    gentle = replace(first, motion=1)
+    both = replace(run, cells=(*run.cells, gentle))
+    where = f"bench, {place(first)}"
+    assert headline(evidence_for(run, 0)).startswith(f"{where}, load 100 kg: ")
+    assert headline(evidence_for(both, 0)).startswith(f"{where}, motion 0, load 100 kg: ")
+    assert headline(evidence_for(both, -1)).startswith(f"{where}, motion 1, load 100 kg: ")
+
+
+def test_a_frequency_without_a_finite_uncertainty_has_no_interval() -> None:
+    cell = replace(run_of().cells[0], frequency_Hz=151.26, standard_uncertainty_Hz=math.inf)
+    assert headline(Evidence(run_of(), cell, cell, 1, 1, ())).endswith(": 151.3 Hz")
+    known = replace(cell, standard_uncertainty_Hz=0.5)
+    assert headline(Evidence(run_of(), known, known, 1, 1, ())).endswith(": 151.3 ± 1.0 Hz (95 %)")
+
+
+def test_transients_that_were_not_used_are_counted_with_the_reason() -> None:
+    run = run_of()  # ten repetitions a cell
+    assert "10 transients of this cell in 1 recording, all used." in lines_of(
+        evidence_for(run), "Measurement"
+    )
+    words = lines_of(evidence_for(run, found=15, whole=12), "Measurement")
+    assert (
+        "15 transients of this cell in 1 recording, 10 used; 3 cut by the start or end of a recording, or "
+        "part of a warm-up; 2 could not be aligned with the others." in words
+    )
+    words = lines_of(evidence_for(run, found=12, whole=12), "Measurement")
+    assert words.endswith("10 used; 2 could not be aligned with the others.")
+    words = lines_of(evidence_for(run, found=11, whole=10), "Measurement")
+    assert words.endswith("10 used; 1 cut by the start or end of a recording, or part of a warm-up.")
+
+
+def test_the_mode_of_the_frame_has_its_mass_where_it_is_known() -> None:
+    mode = FrameMode(41.0, 0.5, 0.02, 12.34, 0.1, True)
+    words = lines_of(evidence_for(replace(run_of(), frame_mode=mode)), "Mode of the frame")
+    assert words.startswith("The machine's frame has a mode at 41.0 ± 1.0 Hz (95 %), with 12.3 times the")
+    words = lines_of(
+        evidence_for(replace(run_of(), frame_mode=replace(mode, mass_ratio=None))), "Mode of the frame"
+    )
+    assert "(95 %). Frequencies are" in words
+
+
+def test_the_peak_of_the_frf_is_compared_with_the_result_of_the_run() -> None:
+    title = "Peak of the FRF (method of the paper)"
+    run = run_of()
+    cell = replace(run.cells[5], frequency_Hz=150.0, standard_uncertainty_Hz=0.3)
+    peak = replace(cell, method="paper", frequency_Hz=150.5, standard_uncertainty_Hz=0.4, verdict="suspect")
+    given = evidence_for(run, cell=cell, paper=peak)
+    words = lines_of(given, title)
+    assert words == "150.5 ± 0.8 Hz (95 %), suspect; 0.50 Hz above the result of the run: consistent."
+    far = replace(given, paper=replace(peak, frequency_Hz=148.9))
+    assert lines_of(far, title).endswith(
+        "1.10 Hz below the result of the run: more than their uncertainties explain."
+    )
+    refused = CellResult.refused(cell.key, 10, "joint", [Reason("noise", "there is noise")])
+    alone = lines_of(replace(given, cell=refused), title)
+    assert alone == "150.5 ± 0.8 Hz (95 %), suspect."
+    none = CellResult.refused(cell.key, 10, "paper", [Reason("no-peak", "no peak"), Reason("noise", "noise")])
+    assert lines_of(replace(given, paper=none), title) == "Refused: no peak; noise."
+
+
+def test_advice_follows_from_the_measurement_and_from_the_reason_of_a_refusal() -> None:
+    run = run_of()
+    cell = run.cells[5]
+    bad = replace(run, quality=Quality("bad", ("clipped",)))
+    assert advice(evidence_for(bad)) == (
+        "Correct what the reasons of the measurement name, and measure again.",
+    )
+    assert advice(evidence_for(run, found=2, whole=0))[0].startswith("Run the whole plan")
+    few = replace(cell, repetitions=4, uncertainty_terms_Hz={})
+    assert "More repetitions: 4 now; 10 or more allow outliers to be found." in advice(
+        evidence_for(run, cell=few)
+    )
+    assert not any("More repetitions" in each for each in advice(evidence_for(run)))
+    tone = CellResult.refused(cell.key, 10, "joint", [Reason("tone", "a tone")])
+    assert advice(evidence_for(run, cell=tone))[0].startswith("Provide a data sheet (--axis): with the lead")
+    noisy = CellResult.refused(cell.key, 10, "joint", [Reason("noise", "noise")])
+    peak = replace(cell, method="paper", frequency_Hz=148.0)
+    assert advice(evidence_for(run, cell=noisy, paper=peak))[0].startswith(
+        "A search with --band around the peak at 148.0 Hz"
+    )
+    none = replace(noisy, method="paper")
+    assert advice(evidence_for(run, cell=noisy, paper=none))[0].startswith("A motion that excites the mode")
