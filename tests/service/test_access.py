@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,8 +16,9 @@ from tests.simulated_bench import AXIS
 from tests.store.stored import count
 
 from ballscrew.base.errors import InputError
+from ballscrew.service.access import caller_of
 from ballscrew.service.app import create_app
-from ballscrew.service.serving import Service
+from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.tokens import create_token, list_tokens, revoke_token
 from ballscrew.store.service_tables import Token
 
@@ -296,3 +298,12 @@ def test_a_token_without_an_owner_is_not_created(
 @pytest.mark.parametrize("number", ["0", "-1", "9", "9" * 30])
 def test_a_token_that_does_not_exist_is_404(clients: dict[str, TestClient], number: str) -> None:
     assert clients["admin's token"].delete(f"/api/v1/tokens/{number}").status_code == 404
+
+
+def test_a_route_that_anybody_reaches_knows_no_caller() -> None:
+    """If it asks for one, it is not answered."""
+    request: Any = SimpleNamespace(state=SimpleNamespace())
+    with pytest.raises(RefusedError, match="sign in first") as caught:
+        caller_of(request)
+    assert caught.value.status == 401
+    assert "WWW-Authenticate" in caught.value.headers

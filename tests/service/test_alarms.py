@@ -536,3 +536,14 @@ def test_what_changes_is_streamed_without_a_gap(client: TestClient, service: Ser
     last = everything.rsplit("id: ", 1)[1].split("\n")[0]
     assert events_of(client.get("/api/v1/events", headers={"Last-Event-ID": last}).text) == []
     assert client.get("/api/v1/events", headers={"Last-Event-ID": "x" * 99}).status_code == 200
+
+
+def test_a_trouble_is_closed_with_a_text_and_without_a_finding(client: TestClient) -> None:
+    quality = replace(RUNS[0].quality, verdict="bad", reasons=("the sensor is loose.",))
+    send_result(client, 0, quality=quality)
+    (trouble,) = alarms(client)
+    answer = act(client, trouble["id"], "close", text="fixed", finding="preload loss")
+    assert answer.status_code == 422
+    assert answer.json()["detail"].startswith("a finding is that of an alarm of an axis")
+    assert alarms(client) == [trouble]
+    assert act(client, trouble["id"], "close", text="fixed").status_code == 200

@@ -10,7 +10,9 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 from tests.service.conftest import SETUP, NewService, client_of
 from tests.simulated_bench import AXIS
+from tests.store.stored import MODEL
 
+from ballscrew.calibration.modelfile import model_json
 from ballscrew.service.alarms import watch_for_silence
 from ballscrew.store.calendars import DAYS
 from ballscrew.store.service_tables import Setup
@@ -139,3 +141,19 @@ def test_silence_is_that_of_the_zone_and_the_shifts_of_each_axis(new_service: Ne
             "berlin": "2026-01-19T09:00:00+00:00",
             "server": "2026-01-18T04:00:00+00:00",
         }
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"kind": "run"}, "the body is no MODEL.json"),
+        ({"axis": "Y axis"}, "the model is that of the axis 'Y axis', not of 'bench'."),
+    ],
+)
+def test_a_document_that_is_no_model_of_the_axis_is_refused(
+    client: TestClient, changes: dict[str, str], sentence: str
+) -> None:
+    answer = client.put(f"{URL}/model", json=model_json(MODEL) | changes)
+    assert answer.status_code == 422
+    assert answer.json()["detail"].startswith(sentence)
+    assert client.get("/api/v1/axes/bench/state").json()["missing"][0] == "model"

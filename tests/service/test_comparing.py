@@ -110,3 +110,10 @@ def test_the_beginning_of_an_id_is_enough_if_it_is_that_of_one_run(filled: TestC
     answer = filled.get("/api/v1/runs/01234567/cells")
     assert answer.status_code == 409
     assert answer.json()["runs"] == ["01234567" + 56 * letter for letter in "ab"]
+
+
+def test_the_cells_of_a_run_without_a_result_are_404_in_each_format(client: TestClient) -> None:
+    identity = send(client).json()["id"]
+    for name in ("json", "csv"):
+        answer = client.get(f"/api/v1/runs/{identity}/cells?format={name}")
+        assert (answer.status_code, answer.json()["detail"]) == (404, "the run has no result.")

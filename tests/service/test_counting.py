@@ -397,3 +397,17 @@ def test_a_correction_states_by_whom_it_was_made(client: TestClient, service: Se
     body["measured_at"] = RUNS[2].measured_at
     again = client.post(f"/api/v1/axes/bench/runs/{RUNS[0].id}/correct", json=body)
     assert (again.status_code, "was corrected already" in again.json()["detail"]) == (422, True)
+
+
+@pytest.mark.parametrize("measured_at", [FUTURE, RUNS[4].measured_at])
+def test_a_bad_run_of_a_doubtful_time_is_a_trouble_of_the_time_at_which_it_came(
+    client: TestClient, measured_at: str
+) -> None:
+    """Else the trouble would begin in the future, and no good run could end it."""
+    for number in range(4):
+        send_result(client, number)
+    send_result(client, 4, quality=BAD, measured_at=measured_at)
+    (trouble,) = client.get("/api/v1/alarms").json()["alarms"]
+    received = client.get(f"/api/v1/runs/{RUNS[4].id}").json()["sent"][0]["received_at"]
+    assert trouble["kind"] == "measurement"
+    assert trouble["began_at"] == (received if measured_at == FUTURE else measured_at)

@@ -7,11 +7,13 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -108,3 +110,27 @@ def test_the_command_makes_a_plant_and_serves_it(
     assert serve_app.serve(data=given, port=0, demo=True) == 0
     served = (tmp_path / "made", {"config": None, "port": 0})
     assert done == [data is None, given, "shut down", served, "removed"]
+
+
+def test_a_demo_in_a_thread_leaves_the_signals_as_they_are() -> None:
+    handlers = []
+
+    def demonstrate() -> None:
+        with demo_processes._interrupted_by_termination():
+            handlers.append(signal.getsignal(signal.SIGTERM))
+
+    thread = threading.Thread(target=demonstrate)
+    thread.start()
+    thread.join()
+    assert handlers == [signal.getsignal(signal.SIGTERM)]
+
+
+def test_a_process_waits_for_the_main_one_and_then_ends_with_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    done: list[object] = []
+    parent = SimpleNamespace(join=lambda: done.append("join"))
+    monkeypatch.setattr(multiprocessing, "parent_process", lambda: parent)
+    monkeypatch.setattr(os, "_exit", done.append)
+    demo_processes._end_with_parent()
+    assert done == ["join", 1]

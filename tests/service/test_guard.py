@@ -12,6 +12,7 @@ from starlette.types import Message
 from tests.service.conftest import NewService, client_of
 from tests.service.people import OWN, anonymous, form_token, signed_in
 
+from ballscrew.service import guard
 from ballscrew.service.app import create_app
 from ballscrew.service.pages.sign_in import local_address
 from ballscrew.service.serving import Service
@@ -265,3 +266,16 @@ def test_an_address_of_this_server_stays(text: str) -> None:
 def test_answers_to_a_session_are_not_stored(admin: TestClient) -> None:
     for path in ("/", "/account", "/api/v1/axes", "/api/v1/tokens", "/metrics"):
         assert admin.get(path).headers["Cache-Control"] == "no-store", path
+
+
+def test_after_a_body_that_was_read_comes_what_the_client_does_next() -> None:
+    async def receive() -> Message:
+        return {"type": "http.disconnect"}
+
+    async def messages() -> list[Message]:
+        again = guard._again(b"a=1", receive)
+        return [await again(), await again()]
+
+    first, second = asyncio.run(messages())
+    assert first == {"type": "http.request", "body": b"a=1", "more_body": False}
+    assert second == {"type": "http.disconnect"}

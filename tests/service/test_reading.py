@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from fastapi.testclient import TestClient
+from sqlalchemy import select
 from tests.service.conftest import SETUP, NewService, client_of, put, send, send_result, sha256, work_off
 from tests.store.stored import EVENTS, MODEL, RUNS
 
@@ -16,10 +19,11 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import write_json
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.modal.run import Run
+from ballscrew.service import reading
 from ballscrew.service.serving import Service
 from ballscrew.service.tokens import create_token
 from ballscrew.store.adding import add_events, add_run
-from ballscrew.store.tables import Axis
+from ballscrew.store.tables import Audit, Axis
 
 ID = "0123456789abcdef"
 
@@ -187,3 +191,37 @@ def test_changes_after_what_is_no_number_are_those_from_now_on(service: Service,
     with client_of(service) as client:
         answer = client.get("/api/v1/events", headers={"Last-Event-ID": given})
     assert (answer.status_code, answer.text) == (200, ": connected\n\n")
+
+
+def test_the_history_is_a_table_in_parquet_too(client: TestClient) -> None:
+    for number in range(3):
+        send_result(client, number)
+    answer = client.get("/api/v1/axes/bench/history?format=parquet")
+    assert answer.headers["Content-Type"] == "application/vnd.apache.parquet"
+    found = pd.read_parquet(io.BytesIO(answer.content))
+    expected = pd.read_csv(io.StringIO(client.get("/api/v1/axes/bench/history?format=csv").text))
+    assert found["run"].tolist() == [run.id for run in RUNS[:3]]
+    assert list(found.columns) == list(expected.columns)
+
+
+def test_without_pyarrow_a_history_in_parquet_is_refused_with_what_to_install(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reading, "find_spec", lambda _: None)
+    answer = client.get("/api/v1/axes/bench/history?format=parquet")
+    assert (answer.status_code, "python -m pip install" in answer.json()["detail"]) == (422, True)
+
+
+def test_more_changes_than_are_read_at_once_are_sent_without_a_gap(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At once, and not with the next change."""
+    monkeypatch.setattr(reading, "_MOST_EVENTS", 2)
+    for number in range(3):
+        send_result(client, number)
+    service.stopping.set()
+    text = client.get("/api/v1/events", headers={"Last-Event-ID": "0"}).text
+    with service.store.read() as session:
+        rows = session.scalars(select(Audit.id).order_by(Audit.id)).all()
+    assert [int(number) for number in re.findall(r"^id: (\d+)$", text, re.MULTILINE)] == list(rows)
+    assert len(rows) > 4

@@ -15,9 +15,11 @@ from tests.service.conftest import send_result
 from tests.store.stored import RUNS
 
 from ballscrew.base.errors import InputError
+from ballscrew.report.measured import response_of
 from ballscrew.service import responses
 from ballscrew.service.on_demand import OnDemand
 from ballscrew.service.serving import RefusedError, Service
+from ballscrew.store.copying import archive
 
 
 @pytest.fixture
@@ -172,3 +174,23 @@ def test_a_cell_or_an_axis_that_is_not_there_has_no_map(client: TestClient, run:
     assert (answer.status_code, "none of the number 999" in answer.json()["detail"]) == (404, True)
     assert client.get("/api/v1/axes/none/responses").status_code == 404
     assert run
+
+
+def test_a_run_whose_raw_files_were_archived_has_no_frf(
+    client: TestClient, service: Service, run: str, tmp_path: Path
+) -> None:
+    archive(service.store, "bench", tmp_path / "archive", newest=0)
+    answer = client.get(f"/api/v1/runs/{run}/response")
+    assert (answer.status_code, "not kept" in answer.json()["detail"]) == (404, True)
+
+
+def test_a_cell_without_a_spectrum_has_no_frf_and_the_others_have_theirs(
+    client: TestClient, run: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def response_without(run: Any, *key: Any) -> Any:
+        return None if key == RUNS[0].cells[1].key else response_of(run, *key)
+
+    monkeypatch.setattr("ballscrew.report.measured.response_of", response_without)
+    found = [client.get(f"/api/v1/runs/{run}/response?cell={number}") for number in range(3)]
+    assert [answer.status_code for answer in found] == [200, 404, 200]
+    assert set(found[2].json()["magnitude"]) == {2.0}

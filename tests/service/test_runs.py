@@ -29,6 +29,7 @@ from tests.store.stored import RUNS, count
 from ballscrew.base.jsonfile import write_json
 from ballscrew.service import runs
 from ballscrew.service.serving import Service
+from ballscrew.store.adding import add_run
 from ballscrew.store.service_tables import JobRow, Upload
 from ballscrew.store.store import Store
 from ballscrew.store.tables import Conflict, ResultRow, RunRow
@@ -213,3 +214,30 @@ def test_a_late_or_other_result_of_the_same_run_is_no_result(client: TestClient,
     sent = client.get("/api/v1/axes/bench/runs").json()["sent"]
     assert [each["status"] for each in sent] == ["done", "conflict"]
     assert count(service.store, ResultRow) == 1
+
+
+def test_a_run_of_an_axis_that_is_not_set_up_says_what_is_missing(new_service: NewService) -> None:
+    service = new_service()
+    add_run(service.store, RUNS[0])
+    with client_of(service) as client:
+        text = f'{RUN_TOML}axis = "axis.toml"\n'
+        for files, missing in ((FILES, "data sheet"), (FILES | {"axis.toml": AXIS.encode()}, "channel map")):
+            answer = send(client, files=files, run_toml=text)
+            assert answer.status_code == 422
+            assert f"the axis has no {missing}: PUT it with the axis" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"\xff\xfe", "c.toml: is not a text file in UTF-8."),
+        (b"#" * 101, "c.toml: has 101 bytes; a document has 100 at most."),
+    ],
+)
+def test_a_document_that_is_no_short_text_is_refused(
+    client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch, content: bytes, sentence: str
+) -> None:
+    monkeypatch.setattr(runs, "_DOCUMENT_BYTES", 100)
+    answer = send(client, files=FILES | {"c.toml": content})
+    assert (answer.status_code, answer.json()["detail"]) == (422, sentence)
+    assert count(service.store, Upload) == 0

@@ -145,3 +145,14 @@ def test_the_same_bytes_under_two_names_are_two_results(
     for number in (0, 1):
         signals(client, run, f"file={number}")
     assert [task.file[0] for task in tasks] == ["trip.npz", "trip.txt"]
+
+
+@pytest.mark.parametrize("query", ["", "channel=torque"])
+def test_a_result_that_is_removed_while_it_is_read_is_computed_again(
+    client: TestClient, run: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, query: str
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(on_demand.OnDemand, "find", lambda *_: tmp_path / "removed")
+        answer = client.get(f"/api/v1/runs/{run}/signals?{query}")
+        assert (answer.status_code, answer.headers["Retry-After"]) == (202, "1")
+    assert signals(client, run, query)

@@ -12,7 +12,7 @@ from sqlalchemy import select
 from tests.service.conftest import NewService
 from tests.service.people import PASSWORD, anonymous, new_user, signed_in
 
-from ballscrew.service import passwords, users
+from ballscrew.service import passwords, signing_in, users
 from ballscrew.service.server import _print_first_link
 from ballscrew.service.serving import RefusedError, Service
 from ballscrew.service.signing_in import Throttle
@@ -276,3 +276,49 @@ def test_a_server_prints_the_first_link_until_there_is_a_user(
     new_user(service, "anna", "admin")
     _print_first_link(service, 8123)
     assert capsys.readouterr().out == ""
+
+
+def test_a_password_that_is_changed_during_a_sign_in_is_no_longer_right(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor is that of a user who is disabled meanwhile."""
+
+    def check(password: str, stored: str | None) -> bool:
+        change()
+        return is_password(password, stored)
+
+    def change_hash() -> None:
+        with service.store.write("test") as session:
+            user = session.scalars(select(User).where(User.name == "Anna")).one()
+            user.password = passwords.hash_password("another good password")
+
+    is_password = signing_in.is_password
+    new_user(service, "Berta", "admin")
+    for change in (change_hash, lambda: disable_user(service.store, "Anna")):
+        with anonymous(service) as client:
+            monkeypatch.setattr(signing_in, "is_password", check)
+            password = PASSWORD if change is change_hash else "another good password"
+            answer = client.post("/sign-in", data={"name": "Anna", "password": password})
+            assert (answer.status_code, client.cookies) == (401, {})
+            assert "The name or the password is wrong." in answer.text
+
+
+def test_a_link_that_is_used_at_the_same_time_by_another_has_ended(
+    service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = add_user(service.store, "Carl", "viewer")
+    hash_password = signing_in.hash_password
+
+    def hash_later(password: str) -> str:
+        monkeypatch.setattr(signing_in, "hash_password", hash_password)
+        with anonymous(service) as other:
+            values = {"password": PASSWORD, "again": PASSWORD}
+            assert other.post(f"/link/{link}", data=values).status_code == 303
+        return hash_password(password)
+
+    monkeypatch.setattr(signing_in, "hash_password", hash_later)
+    values = {"password": "another good password", "again": "another good password"}
+    with anonymous(service) as client:
+        assert client.post(f"/link/{link}", data=values).status_code == 404
+        answer = client.post("/sign-in", data={"name": "Carl", "password": PASSWORD})
+        assert answer.status_code == 303

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import gzip
 import os
@@ -15,6 +16,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 from sqlalchemy.orm import Session
+from starlette.types import Message
 from tests.service.conftest import (
     RUN,
     SETUP,
@@ -302,3 +304,60 @@ def test_a_file_that_is_sent_while_its_old_copy_is_removed_is_not_lost(
         assert put(client, other).status_code == 503
     assert put(client, other).status_code == 201
     assert Store.verify(service.store.path).faults == ()
+
+
+@pytest.mark.parametrize(("end", "status"), [(90, 422), (110, 413)])
+def test_a_part_of_another_size_than_its_range_is_refused_and_the_file_can_be_resumed(
+    client: TestClient, end: int, status: int
+) -> None:
+    """Of a body without Content-Length."""
+    total = len(CONTENT)
+    first = client.put(URL, content=CONTENT[:50], headers={"Content-Range": f"bytes 0-49/{total}"})
+    assert first.status_code == 202
+    part = iter([CONTENT[50:end]])
+    answer = client.put(URL, content=part, headers={"Content-Range": f"bytes 50-99/{total}"})
+    assert answer.status_code == status
+    assert status != 422 or answer.json()["detail"] == "the part ends at 90; Content-Range states 100."
+    offset = int(client.head(URL).headers["Upload-Offset"])
+    assert offset <= 100
+    rest = {"Content-Range": f"bytes {offset}-{total - 1}/{total}"}
+    assert client.put(URL, content=CONTENT[offset:], headers=rest).status_code == 201
+
+
+def test_an_upload_from_which_nothing_comes_is_ended(new_service: NewService) -> None:
+    """What has come stays, and can be resumed."""
+    service = new_service(upload_idle_s=0.05)
+    statuses: list[int | None] = []
+
+    async def receive() -> Message:
+        if not statuses:
+            statuses.append(None)
+            return {"type": "http.request", "body": b"x" * 10, "more_body": True}
+        await asyncio.Event().wait()
+        raise AssertionError("it is ended before")
+
+    async def answer(message: Message) -> None:
+        statuses.append(message.get("status"))
+
+    with client_of(service) as client:
+        client.put("/api/v1/axes/bench", json=SETUP)
+        headers = [(b"host", b"localhost"), (b"content-range", b"bytes 0-99/100")]
+        scope = {"type": "http", "method": "PUT", "path": URL, "query_string": b"", "headers": headers}
+        asyncio.run(client.app(scope, receive, answer))
+    assert statuses[1] == 408
+
+
+def test_a_file_that_is_missing_is_not_removed_as_unused(client: TestClient, service: Service) -> None:
+    """That it is missing is a fault, which stays visible."""
+    old = time.time() - 30 * 86400
+    for content in (CONTENT, CONTENT[:100]):
+        put(client, content)
+        with service.store.read() as session:
+            row = session.get_one(RawFile, sha256(content))
+        path = path_of(service.store.folder.files, row.sha256, row.compression)
+        os.utime(path, (old, old))
+    path.unlink()
+    uploads.remove_unused(service)
+    with service.store.read() as session:
+        assert session.scalars(select(RawFile.sha256)).all() == [sha256(CONTENT[:100])]
+    assert len(Store.verify(service.store.path).faults) == 1

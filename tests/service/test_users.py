@@ -22,10 +22,12 @@ from ballscrew.service.users import (
     address_of_server,
     change_role,
     disable_user,
+    first_link,
     list_users,
     new_link,
 )
-from ballscrew.store.folder import DataFolder
+from ballscrew.store.folder import DataFolder, now
+from ballscrew.store.service_tables import User
 from ballscrew.store.store import Store
 from ballscrew.store.tables import Audit
 
@@ -176,3 +178,28 @@ def test_users_tokens_and_sessions_are_in_a_backup(new_service: NewService, tmp_
             statuses.append(answer.status_code)
         assert statuses == [200, 401]
     assert signed_in(other, "anna").get("/").status_code == 200
+
+
+def test_a_user_who_is_disabled_already_stays_so_without_another_line_of_the_audit(service: Service) -> None:
+    for name in ("anna", "berta"):
+        new_user(service, name, "admin")
+    for undo in (False, True):
+        for _ in range(2):
+            disable_user(service.store, "berta", undo=undo)
+        (found,) = [each for each in list_users(service.store) if each["name"] == "berta"]
+        assert (found["disabled_at"] is None) is undo
+    with service.store.read() as session:
+        rows = session.scalars(select(Audit.action).where(Audit.subject == "user berta")).all()
+    assert [action for action in rows if action in ("disable", "enable")] == ["disable", "enable"]
+
+
+def test_the_first_administrator_chooses_a_name_that_no_other_user_has(service: Service) -> None:
+    link = first_link(service.store)
+    with service.store.write("test") as session:
+        session.add(User(name="anna", role="viewer", password=None, created_at=now(), disabled_at=None))
+    with anonymous(service) as client:
+        values = {"name": "ANNA", "password": PASSWORD, "again": PASSWORD}
+        answer = client.post(f"/link/{link}", data=values)
+        assert answer.status_code == 422
+        assert "there is a user &#39;ANNA&#39; already." in answer.text
+        assert client.post(f"/link/{link}", data=values | {"name": "berta"}).status_code == 303
