@@ -166,3 +166,38 @@ def test_the_settings_of_a_trace(say):
     assert "$AA_SCTRACE" not in text
     assert "$AA_SCTRACE[X]=1" in say("plan.toml", *AXIS, "--trace", "--dialect", "siemens").out
     assert "Trace by the drive" not in say("plan.toml", *AXIS).out
+
+
+def test_round_trips_that_warm_up_are_named(say, folder):
+    assert "warm up" not in say("plan.toml", *AXIS).out
+    edit(folder, "plan.toml", "repetitions = 2", "repetitions = 2\nwarm_up = 1")
+    assert "3 round trips, 1 of them to warm up: " in say("plan.toml", *AXIS).out
+
+
+def test_a_long_table_has_its_first_and_its_last_rows(say, folder):
+    assert "…" not in re.findall(r"^│ +(\S+) │", say("plan.toml", *AXIS).out, re.MULTILINE)
+    edit(folder, "plan.toml", '["100 kg"]', '["0 kg", "20 kg", "40 kg", "80 kg", "100 kg"]')
+    rows = re.findall(r"^│ +(\S+) │ +(\S+) │ +(\S+) │", say("plan.toml", *AXIS).out, re.MULTILINE)
+    loads = ["0", "20", "…", "80", "100"]
+    assert [load for load, _, _ in rows] == [load for load in loads for _ in range(1 if load == "…" else 6)]
+    assert rows[12] == ("…", "…", "…")
+    assert [stop for *_, stop in rows[13:19]] == ["0.0", "30.0", "60.0", "90.0", "120.0", "150.0"]
+
+
+def test_where_friction_alone_unloads_the_nut_no_motion_is_gentler(say, folder):
+    edit(folder, "axis.toml", 'guide.friction = "25 N"', 'guide.friction = "700 N"')
+    reason = "friction and weight alone (700 N) unload the nut at 41% of its preload"
+    assert f"no motion is gentler: {reason}." in " ".join(say("plan.toml", *AXIS).out.split())
+    outcome = say("plan.toml", *AXIS, "--gentle", "g.toml")
+    assert outcome.status == 2
+    assert f"g.toml: cannot be written: no motion is gentler, since {reason}." in outcome.err
+    assert not (folder / "g.toml").exists()
+
+
+def test_on_an_inclined_axis_the_loads_of_both_departures_are_printed(say, folder):
+    name = 'name = "synthetic"'
+    edit(folder, "axis.toml", name, f'{name}\norientation = "inclined"\ninclination = "5 deg"')
+    words = " ".join(say("plan.toml", *AXIS).out.split())
+    loads = re.findall(r"nut load (\S+) of the preload in PA, (\S+) in NA", words)
+    assert len(loads) == 2
+    assert all(float(first) > float(second) for first, second in loads)

@@ -137,3 +137,30 @@ def test_a_plan_that_breaks_a_limit_is_not_written_anew(say, folder):
     assert outcome.status == 2
     assert "nothing was exported" in outcome.err
     assert not (folder / "best.toml").exists()
+
+
+def test_the_information_of_a_plan_with_two_loads_is_compared(say, folder):
+    text = (folder / "plan.toml").read_text(encoding="utf-8")
+    (folder / "plan.toml").write_text(text.replace('["100 kg"]', '["0 kg", "100 kg"]'), encoding="utf-8")
+    asked = ("plan.toml", *AXIS, "--optimize", *LOADS)
+    ratio = say(*asked, "--json").document["optimized"]["information_per_minute_ratio"]
+    words = " ".join(say(*asked).out.split())
+    assert f"Information per minute: {ratio:.2f} times that of the given plan." in words
+    assert "leaves a parameter undetermined" not in words
+    assert "two runs at two known preloads do" in words
+
+
+def test_preloads_are_chosen_too(say):
+    asked = ("plan.toml", *AXIS, "--optimize", *LOADS, "--preloads", "300 N, 600 N", "--adjust", "20 min")
+    best = say(*asked, "--json").document["optimized"]
+    assert best["plan"]["preloads"] == [300, 600]
+    words = " ".join(say(*asked).out.split())
+    assert "and 2 preloads of 300, 600 N, chosen from" in words
+    assert "4 loads and 2 preloads" in words
+    assert "10 min to change the load, 20 min to set another preload; the given plan" in words
+    undetermined = "it has one load, fewer than two preloads, or too few stops"
+    assert f"The given plan leaves a parameter undetermined: {undetermined}." in words
+    assert "nut's share of the compliance, by the ratio of the known preloads." in words
+    wrong = say("plan.toml", *AXIS, "--optimize", "--preloads", "300 kg")
+    assert (wrong.status, wrong.out) == (2, "")
+    assert "--preloads is '300 kg'; it must be a quantity in N" in wrong.err
