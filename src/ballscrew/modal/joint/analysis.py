@@ -29,13 +29,15 @@ from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.measure import Measurement
 from ballscrew.recording.rotation import RotationSums, rotating_modes
 
-# Spectrum of the jerk phase at the mode over that of a sudden change of acceleration.
+# Spectrum of a jerk phase at the mode, over that of a sudden change of acceleration, below which a cell is
+# suspect.
 _LEAST_EXCITATION = 0.15
-# Distance of a jerk phase from a null of its spectrum, a whole number of periods, in periods.
+# The spectrum of a jerk phase has a null at a frequency if the phase lasts a whole number of its periods.
+# Largest difference from a whole number, in periods, for which the null is given as the reason.
 _NULL_WIDTH = 0.25
 _LOST_END = Reason("no-mode", "or has an end of the screw, which is fixed at both ends, lost its pretension?")
-_NOT_MEASURED = {"measurement", "low-rate"}
-_LARGEST_UNCERTAINTY = 0.5  # relative uncertainty of a ripple torque above which it is not reported
+_NOT_MEASURED = {"measurement", "low-rate"}  # kinds of reason for which _LOST_END is not added
+_LARGEST_UNCERTAINTY = 0.5  # relative standard uncertainty of a ripple torque above which it is not reported
 
 
 def signal_reducer(
@@ -57,12 +59,13 @@ def signal_reducer(
     callable
         For :func:`ballscrew.recording.measure.measure`.
     """
-    rate = min(SAMPLES_PER_PERIOD, settings.rate) * settings.highest
+    rate = min(SAMPLES_PER_PERIOD, settings.rate) * settings.highest  # Hz
     if sheet is not None:
-        # At x = 0 the frequency is not lower than in the middle of the axis, which the estimator needs.
+        # Not lower than by the frequency in the middle of the axis, which the estimator decimates for.
         rate = settings.rate * float(predicted_frequency(sheet, 0.0, load))
 
     def reduce(aligned: Aligned) -> TripSignals:
+        """Decimate the channels of a recording, without accelerations of the motor among its responses."""
         nut = [row for row, name in enumerate(aligned.responses) if ":motor" not in name]
         return trip_signals(replace(aligned, response=aligned.response[nut]), rate)
 
@@ -95,7 +98,7 @@ def analyse_jointly(
     settings : JointSettings
         Of the method.
     response : {"nut", "motor", "both"}
-        Which response to the torque is fitted.
+        As for :func:`~ballscrew.modal.joint.identify.identify_jointly`.
 
     Returns
     -------
@@ -106,7 +109,7 @@ def analyse_jointly(
     if measurement.quality.verdict == "bad" or measurement.transients is None:
         return JointResult(tuple(listed))
     files = list(measurement.extracts)
-    # The file of a transient is that of the run; the estimator counts only those that have signals.
+    # File numbers of the run become indices among the files that have signals.
     transients = [
         replace(transient, file=files.index(transient.file))
         for transient in complete_transients(measurement.transients)
@@ -118,8 +121,8 @@ def analyse_jointly(
     keys = [cell.key for cell in listed]
     coherences = _coherences(response_table)
     out = []
-    for cell in listed:  # a cell without a complete transient stays as it is
-        result = results.get(cell.key, cell)
+    for cell in listed:
+        result = results.get(cell.key, cell)  # unchanged without a complete transient
         coherence = coherences.get(cell.key)
         # The coherence of a single repetition is always 1.
         if coherence is not None and result.frequency_Hz is not None and result.repetitions > 1:
@@ -148,7 +151,8 @@ def _with_lost_end(cells: Sequence[CellResult]) -> list[CellResult]:
     """Cells with a further reason if none has a frequency, on a screw that is fixed at both ends.
 
     An end without its pretension carries load in one direction only: the axis then has two stiffnesses in
-    every vibration, and no mode of the model. Cells that were not measured as they must be say so alone.
+    every period of a vibration, which is not a mode of the model. Cells whose measurement was refused have no
+    further reason.
     """
     if any(cell.frequency_Hz is not None for cell in cells):
         return list(cells)
@@ -160,7 +164,7 @@ def _with_lost_end(cells: Sequence[CellResult]) -> list[CellResult]:
 def _reordered(
     errors: Sequence[SharedError], given: Sequence[CellKey], wanted: Sequence[CellKey]
 ) -> tuple[SharedError, ...]:
-    """Shared errors with their effects in another order of cells; 0 for cells that are not among them."""
+    """Shared errors with their effects on the cells ``wanted`` instead of ``given``; 0 where not given."""
     out = []
     for error in errors:
         effects = dict(zip(given, error.effects_Hz, strict=True))
@@ -169,7 +173,7 @@ def _reordered(
 
 
 def _coherences(table: xr.Dataset | None) -> dict[CellKey, tuple[Array, Array]]:
-    """Frequency (Hz) and coherence, mean over the responses, of each cell."""
+    """Frequency (Hz) and coherence, mean over the responses, of each cell; shape (frequencies,) each."""
     if table is None:
         return {}
     frequency = table["frequency"].values
@@ -181,16 +185,16 @@ def _coherences(table: xr.Dataset | None) -> dict[CellKey, tuple[Array, Array]]:
 def suspect_unexcited(cells: Sequence[CellResult], plan: Plan | None) -> tuple[CellResult, ...]:
     """Make cells suspect whose frequency the torque hardly excites.
 
-    A mode that rings all the same was excited by another force. Ripple of the motor is in the model; forces
-    of balls and guide are not. The fit would attribute their effect to the torque, with an error that no
-    scatter shows.
+    A mode that rings all the same was excited by another force. Ripple of the motor is in the model, but
+    forces of the guide, for example, are not. The fit would attribute their effect to the torque, with an
+    error that is not in the scatter of the cells.
 
     Parameters
     ----------
     cells : sequence of CellResult
         Of a run.
     plan : Plan or None
-        Its test; None if it is not known, and no cell is made suspect.
+        Plan of the run; if None, the cells are returned unchanged.
 
     Returns
     -------
@@ -219,7 +223,7 @@ def suspect_rotating(
     Returns
     -------
     tuple of CellResult
-        Suspect, with the reason, where this is so.
+        Suspect, with the reason, where the table rotates more.
     """
     rotating = rotating_modes(rotations, [cell.frequency_Hz for cell in cells])
     checked = []
@@ -239,7 +243,8 @@ def suspect_rotating(
 def suspect_delayed(cells: Sequence[CellResult]) -> tuple[CellResult, ...]:
     """Make all cells suspect, since their only response, the motor's motion, is delayed against the torque.
 
-    A delay alone is fitted. A filter that smooths the speed also delays it, and shifts the frequencies.
+    A mere delay is part of the model. A filter that smooths the speed also delays it, but shifts the
+    frequencies.
     """
     reason = Reason(
         "measurement",
@@ -261,27 +266,27 @@ def _checked_excitation(cell: CellResult, motions: Sequence[Motion]) -> CellResu
     excitation = float(np.min(least_excitation(np.array([f]), np.array([u]), motions)))
     if excitation >= _LEAST_EXCITATION:
         return cell
-    ms = 1e3 * motions[0].jerk_time
-    periods = f * ms / 1e3
+    jerk_ms = 1e3 * motions[0].jerk_time
+    periods = f * jerk_ms / 1e3
     if abs(periods - round(periods)) < _NULL_WIDTH:
-        reason = (
-            f"the jerk lasts {ms:.1f} ms, about a whole number of the mode's periods: the torque has a null "
-            "there, and hardly excites it"
+        text = (
+            f"the jerk lasts {jerk_ms:.1f} ms, about a whole number of the mode's periods: the torque has a "
+            "null there, and hardly excites it"
         )
     else:
-        reason = f"the jerk lasts {ms:.1f} ms, {periods:.1f} of the mode's periods: too soft to excite it"
-    return replace(cell, verdict="suspect").with_reasons(Reason("unexcited", reason))
+        text = f"the jerk lasts {jerk_ms:.1f} ms, {periods:.1f} of the mode's periods: too soft to excite it"
+    return replace(cell, verdict="suspect").with_reasons(Reason("unexcited", text))
 
 
 def motor_ripple(
     ripple: Sequence[RippleOrder], body: RigidBodyResult, sheet: DataSheet | None
 ) -> tuple[MotorRipple, ...]:
-    """Ripple of the motor as torques.
+    """Convert the ripple of the motor to torques.
 
     Parameters
     ----------
     ripple : sequence of RippleOrder
-        With amplitudes as accelerations of the equivalent mass.
+        Orders with amplitudes over the equivalent mass, m/s².
     body : RigidBodyResult
         Gives the equivalent mass.
     sheet : DataSheet or None
@@ -290,7 +295,7 @@ def motor_ripple(
     Returns
     -------
     tuple of MotorRipple
-        Without a torque where it is too uncertain, or where mass or lead are not known.
+        Torques in N m; None where they are too uncertain, or where mass or lead are not known.
     """
     mass = body.equivalent_mass_kg
     orders = [MotorRipple(each.order, None, None) for each in ripple]

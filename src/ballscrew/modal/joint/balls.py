@@ -1,9 +1,9 @@
-"""Balls that pass: a force at the nut whose order is no whole number.
+"""Passing balls: a force at the nut whose order, in periods per turn, is not a whole number.
 
 Balls that enter and leave the loaded zone push the nut, with a phase that depends on the trip and the
-direction of motion. At full speed their force is a tone. Near the mode it rings with it, at neighbouring
-stops alike, so that no scatter of the cells shows its error. It is fitted as the ripple is, with a cosine and
-a sine for each direction.
+direction of motion. At full speed their force is a tone. With a frequency near that of the mode it excites
+the mode, at neighbouring stops alike, so that the scatter of the cells does not contain the error that it
+causes. It is fitted as the ripple is, with a cosine and a sine for each direction.
 """
 
 from __future__ import annotations
@@ -27,21 +27,25 @@ from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT
 from ballscrew.modal.joint.mode import AxialMode, damping_ratio, mode_frequency
 from ballscrew.modal.joint.windows import Windows
 
-# The force is significant if the power of the residual that it explains exceeds each of these: as of a whole
+# The force is significant if the power of the residual that it explains exceeds each of these, as for a whole
 # order in ballscrew.modal.joint.ripple, but with twice as many columns.
-_LEAST_POWER = 0.004  # of the residual's
-_CHANCE = 40.0  # of an independent sample's
-_OUTSTANDING = 12.0  # of what the median order explains
+_LEAST_POWER = 0.004  # over the power of the residual
+_CHANCE = 40.0  # over the mean power of an independent sample
+_OUTSTANDING = 12.0  # over the power that the median order explains
 
-_NEAR = (0.7, 1.25)  # frequency at full speed over those of the mode along the axis
-_STEP = 3.0  # candidates per resolution of orders, one over the turns along the axis
-_REFINED = np.linspace(-0.5, 0.5, 9)  # around the best candidate, in the same unit
-_EVERY = 3  # samples: the band ends below half of this lower rate
-_RANK_TOLERANCE = 1e-6  # as for whole orders
+_NEAR = (0.7, 1.25)  # range of the frequency at full speed, over the frequencies of the mode along the axis
+# Number of candidates within the resolution of orders, which is one over the turns along the axis.
+_STEP = 3.0
+_REFINED = np.linspace(-0.5, 0.5, 9)  # orders tried less that of the best candidate, over this resolution
+_EVERY = 3  # every third sample is used for the search: the band ends below half of the lower rate
+_RANK_TOLERANCE = 1e-6  # of the largest eigenvalue: smaller ones of the columns' products are rounding errors
 
 
 def ball_forces(w: Windows, lead: float, order: float | None) -> Array:
-    """Cosine and sine of an order for each direction, shape (n, 4); no columns without an order."""
+    """Cosine and sine of an order for each direction of motion: ``balls`` of make_block.
+
+    Shape (n, 4), or (n, 2) if all windows have the same direction; (n, 0) without an order.
+    """
     if order is None:
         return np.empty((len(w.place), 0))
     angle = 2 * math.pi * order / lead * w.place
@@ -63,14 +67,15 @@ def find_balls(
     lead : float
         Travel per turn, m.
     ripple : ndarray, shape (n, k)
-        Of the whole orders.
+        Cosine and sine of the whole orders.
 
     Returns
     -------
     float or None
-        Per turn; by a filter matched to the response of each cell at full speed, then refined.
+        Periods per turn: found by a filter that is matched to the response of each cell at full speed, then
+        refined.
     """
-    turns = float(np.ptp(w.place)) / lead
+    turns = float(np.ptp(w.place)) / lead  # along the axis
     b = make_block(name, w, from_rest=from_rest, ripple=ripple)
     solved = project(b, mode)
     orders, scores = _matched_scores(w, mode, lead, turns, solved.residual)
@@ -91,8 +96,12 @@ def find_balls(
 def _matched_scores(
     w: Windows, mode: AxialMode, lead: float, turns: float, residual: Array
 ) -> tuple[Array, Array]:
-    """Orders between whole ones, and the power of the residual that each would explain, at full speed."""
-    speeds = np.array([np.abs(w.speed[start:stop]).max() for start, stop in w.spans]) / lead  # turns per s
+    """Orders between whole ones, and the power of the residual that each would explain, at full speed.
+
+    At full speed the force is a tone; its response in a cell has the gain and the phase of a resonance there.
+    Orders within a resolution of a whole one are excluded. Both results have the shape (orders,).
+    """
+    speeds = np.array([np.abs(w.speed[start:stop]).max() for start, stop in w.spans]) / lead  # turns/s
     frequencies = mode_frequency(mode, w.stops)
     damping = damping_ratio(mode, frequencies)
     low = _NEAR[0] * frequencies.min() / speeds.max()
@@ -107,8 +116,9 @@ def _matched_scores(
             rows = slice(*w.spans[cell], _EVERY)
             ratio = orders * speeds[cell] / frequencies[cell]
             gain = 1 / (1 - ratio**2 + 2j * sign * damping[cell] * ratio)
-            turn = np.outer(orders, w.place[rows] / lead)
-            angle = (2 * math.pi * (turn - np.round(turn))).astype(np.float32)  # its cosine takes a third
+            periods = np.outer(orders, w.place[rows] / lead)
+            # The cosine of a single-precision angle takes a third of the time.
+            angle = (2 * math.pi * (periods - np.round(periods))).astype(np.float32)
             wave = np.cos(angle) @ residual[rows] - 1j * (np.sin(angle) @ residual[rows])
             total += gain.conj()[:, None] * wave
             power += np.abs(gain) ** 2 * len(w.place[rows])
@@ -117,7 +127,7 @@ def _matched_scores(
 
 
 def _explained(block: Block, mode: AxialMode, solved: Projection, forces: Array) -> float:
-    """Power of the residual that forces explain."""
+    """Power of the residual of ``solved``, of this block and mode, that forces explain."""
     b = replace(make_block(block.name, block.windows, ripple=forces), counted=block.counted)
     columns = whiten(b, ripple_columns(b, mode), solved.free)
     to_basis = orthonormaliser(solved.products(columns, columns.shape[1]), _RANK_TOLERANCE)

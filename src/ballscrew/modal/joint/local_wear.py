@@ -1,8 +1,8 @@
 """Local wear: a random deviation of the compliance at every stop from the smooth profile along the axis.
 
-The variance of these deviations is estimated from the run itself: it is what exceeds the scatter of the
-cells. An axis with even wear has none; on an axis with a worn place each stop follows its own data as far as
-they are certain.
+The variance of these deviations is estimated from the run itself, as the variance of the stops in excess of
+that due to the scatter of the cells. An axis with even wear has none; on an axis with a worn place, the
+compliance at each stop follows the data of this stop as far as they are certain.
 """
 
 from __future__ import annotations
@@ -20,13 +20,16 @@ from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.parameters import LOCAL
 from ballscrew.modal.joint.uncertainty import cell_steps
 
-_SPREADS = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 81)])  # standard deviations tried, relative
-_SMOOTH = 0.01  # standard deviation of a line or parabola in the deviations, over their own: nearly excluded
-# Gain in log-likelihood over no variation: a likelihood ratio of 55, by chance in one of 220 to 570 even axes
-# (4,000 simulated scores each of 2 to 8 contrasts with 4 to 30 degrees of freedom).
+# Standard deviations of the local compliances that are tried, over the compliance in the middle.
+_SPREADS = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 81)])
+# Prior standard deviation of a smooth profile (line or parabola) among the local compliances, over that of a
+# local compliance: so small that they contain nearly none.
+_SMOOTH = 0.01
+# Least gain in log-likelihood of a significant variation: a likelihood ratio of 55, exceeded by chance in one
+# of 220 to 570 even axes (4,000 simulated scores each of 2 to 8 contrasts with 4 to 30 degrees of freedom).
 _SIGNIFICANT = 4.0
-_QUANTILES = (np.arange(40) + 0.5) / 40  # of the inflation, over which the likelihood is averaged
-_ROUNDING = 1e-6  # of the largest eigenvalue of the information: smaller ones are rounding
+_QUANTILES = (np.arange(40) + 0.5) / 40  # probabilities: the likelihood is averaged over these quantiles
+_ROUNDING = 1e-6  # of the largest eigenvalue of the information: smaller ones are rounding errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +39,12 @@ class LocalVariation:
     Parameters
     ----------
     spread : float
-        Standard deviation of the local compliances; 0 if none is significant.
+        Standard deviation of the local compliances, over the compliance in the middle; 0 if the variation is
+        not significant.
     inflation : float
-        Variance of the cells' estimates over that expected of white residuals.
+        Variance of the cells' estimates over that expected for white residuals.
     load_prior_weight : float
-        Information of the data sheet's mass over preload in the fit.
+        Information of the prior of ln(mass over preload) in the fit: the inverse of its variance there.
     """
 
     spread: float
@@ -57,7 +61,7 @@ def with_places(modes: tuple[AxialMode, ...], places: tuple[float, ...]) -> tupl
 
 
 def local_fields(places: tuple[float, ...]) -> tuple[str, ...]:
-    """Names of the local compliances."""
+    """Names of the local compliances as fields of a fit: ``"local:0"`` and so on."""
     return tuple(f"{LOCAL}{k}" for k in range(len(places)))
 
 
@@ -68,7 +72,8 @@ def _smooth_basis(places: tuple[float, ...], curved: bool) -> Array:
 
 
 def local_priors(variation: LocalVariation, places: tuple[float, ...], curved: bool) -> list[Prior]:
-    """Priors of the local compliances: each 0 ± spread, and no line or parabola among them."""
+    """Priors of the local compliances: each 0 ± spread, and almost no line or parabola among them."""
+    # In proportion to the weight of the data, as Profile.scaled_load_deviation.
     deviation = variation.spread * float(np.sqrt(SAMPLES_PER_INDEPENDENT / variation.inflation))
     names = local_fields(places)
     smooth = [tuple(zip(names, profile, strict=True)) for profile in _smooth_basis(places, curved).T.tolist()]
@@ -77,18 +82,32 @@ def local_priors(variation: LocalVariation, places: tuple[float, ...], curved: b
 
 
 def shrinkage_covariance(found: JointFit, variation: LocalVariation) -> Array:
-    """Covariance of the parameters due to the shrinkage of the local compliances by their prior."""
+    """Covariance of the parameters due to the shrinkage of the local compliances by their prior.
+
+    True local compliances have the standard deviation ``spread``, and contain no smooth profile. Their prior,
+    whose information in the fit is inflation / spread², shifts the parameters in proportion to them.
+
+    Returns
+    -------
+    ndarray, shape (parameters, parameters)
+        0 without local compliances.
+    """
     inverse = np.linalg.pinv(found.hessian)
     at = [k for k, (field, _) in enumerate(found.parameters) if field.startswith(LOCAL)]
     if not at or variation.spread == 0:
         return np.zeros_like(inverse)
     smooth = _smooth_basis(found.modes[0].places, ("curve", 0) in found.parameters)
+    # Shift of the parameters by local compliances of one standard deviation each.
     gain = inverse[:, at] * (variation.inflation / variation.spread)
     return np.asarray(gain @ (np.eye(len(at)) - smooth @ smooth.T) @ gain.T)
 
 
 def local_residue(mode: AxialMode, places: Array) -> Array:
-    """Absolute deviation of the local compliance at stops from the line between the neighbouring stops."""
+    """Absolute deviation of the local compliance at stops from the line between the neighbouring stops.
+
+    ``places`` are the stops from the middle, m. At the first and the last stop, the deviation is that of its
+    neighbour. Over the compliance in the middle, shape of ``places``; 0 without local compliances.
+    """
     if len(mode.local) < 3:
         return np.zeros_like(places)
     local, x = np.array(mode.local), np.array(mode.places)
@@ -113,7 +132,7 @@ def estimate_variation(found: JointFit, curved: bool) -> LocalVariation:
     Returns
     -------
     LocalVariation
-        With a spread of 0 if it is not significant.
+        With a spread of 0 if the variation is not significant.
     """
     is_local = np.array([field.startswith(LOCAL) for field, _ in found.parameters])
     inflation, freedom = _inflation(found, np.flatnonzero(is_local))
@@ -121,7 +140,7 @@ def estimate_variation(found: JointFit, curved: bool) -> LocalVariation:
     if np.count_nonzero(is_local) <= coefficients:
         return LocalVariation(0.0, inflation)  # a smooth profile passes through all stops
     information, weighted = _local_information(found, is_local)
-    # Contrasts of the stops that no smooth profile changes, then independent combinations of them.
+    # Contrasts of the stops to which a smooth profile adds nothing, then independent combinations of them.
     complete = np.linalg.qr(_smooth_basis(found.modes[0].places, curved), mode="complete")[0]
     contrasts = complete[:, coefficients:]
     information, weighted = contrasts.T @ information @ contrasts, contrasts.T @ weighted
@@ -136,21 +155,22 @@ def estimate_variation(found: JointFit, curved: bool) -> LocalVariation:
 
 
 def _log_likelihood(scores: Array, values: Array, inflation: float, freedom: int) -> Array:
-    """Log-likelihood of each spread, averaged over the inflation: few cells determine it roughly.
+    """Log-likelihood of each of _SPREADS, averaged over the inflation, which few cells determine roughly.
 
-    ``freedom`` times its estimate over its true value has a chi-squared distribution with as many degrees of
+    ``scores`` are independent, and ``values`` their information, shape (contrasts,). ``freedom`` times the
+    estimated ``inflation`` over its true value has a chi-squared distribution with ``freedom`` degrees of
     freedom.
     """
     possible = inflation * freedom / (2 * gammaincinv(freedom / 2, _QUANTILES))
-    variance = values**2 * _SPREADS[:, None, None] ** 2 + possible[:, None] * values
+    variance = values**2 * _SPREADS[:, None, None] ** 2 + possible[:, None] * values  # of the scores
     each = -0.5 * np.sum(np.log(variance) + scores**2 / variance, axis=2)
     return np.asarray(logsumexp(each, axis=1) - math.log(len(possible)))
 
 
 def _local_information(found: JointFit, is_local: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Information matrix of the local compliances, and this matrix times their estimate.
+    """Information matrix of the local compliances, and its product with their estimate.
 
-    All other parameters are eliminated. Shapes (places, places) and (places,).
+    By the data without priors; all other parameters are eliminated. Shapes (places, places) and (places,).
     """
     at, rest = np.flatnonzero(is_local), np.flatnonzero(~is_local)
     hessian = np.asarray(sum(j.T @ j for j in found.jacobian))
@@ -162,9 +182,10 @@ def _local_information(found: JointFit, is_local: NDArray[np.bool_]) -> tuple[Ar
 
 
 def _inflation(found: JointFit, parameters: NDArray[np.intp]) -> tuple[float, int]:
-    """Variance of the cells about the means of conditions and stops, over that of white residuals.
+    """Variance of the cells about the means of conditions and stops, over that for white residuals.
 
-    Returned with its degrees of freedom, at least 1.
+    Returned with its degrees of freedom, both at least 1. ``parameters`` are the indices of the local
+    compliances.
     """
     cells = found.blocks[0].windows.cells
     places = np.array(found.modes[0].places) + found.blocks[0].windows.middle
@@ -182,5 +203,5 @@ def _inflation(found: JointFit, parameters: NDArray[np.intp]) -> tuple[float, in
             total = max(float(np.sum(weight[group])), 1e-300)
             deviation[group] -= np.sum(deviation[group] * weight[group]) / total
             freedom -= 1
-    freedom = max(freedom + 1, 1)
+    freedom = max(freedom + 1, 1)  # the means of conditions and those of stops have a common mean
     return max(float(np.sum(weight * deviation**2)) / freedom, 1.0), freedom

@@ -14,18 +14,18 @@ METHOD = "joint"
 
 @dataclass(frozen=True, slots=True)
 class RippleOrder:
-    """A force that repeats with every turn of the screw, as fitted.
+    """A force that repeats with every turn of the motor, as fitted.
 
     Parameters
     ----------
     order : int
-        Periods per turn.
+        Periods per turn of the motor.
     amplitude, uncertainty : float or None
-        Amplitude as an acceleration of the equivalent mass, m/s², and its standard uncertainty; None if the
-        run does not determine it.
+        Amplitude over the equivalent mass, m/s², and its standard uncertainty; None if the run does not
+        determine it.
     fractional : bool
-        Whether it comes near the mode and a neighbouring order was found too: then one force with an order
-        between whole numbers is likely, and whole orders describe it only in part.
+        Whether its frequency reaches the mode and a neighbouring order was found too. A single force with an
+        order between whole numbers is then likely, and whole orders describe it only in part.
     """
 
     order: int
@@ -41,7 +41,7 @@ class JointResult:
     Parameters
     ----------
     cells, shared_errors, mass_over_preload
-        As in :class:`~ballscrew.modal.run.Run`; the effects of the errors in the order of the cells.
+        As in :class:`~ballscrew.modal.run.Run`; effects of the errors are in the order of the cells.
     reasons : tuple of Reason
         Why the whole run is refused; empty if it is not.
     ripple : tuple of RippleOrder

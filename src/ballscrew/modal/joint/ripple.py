@@ -1,4 +1,4 @@
-"""Ripple: forces of the motor that repeat with every turn of the screw, and that no channel measures.
+"""Ripple: forces of the motor that repeat with every turn of it, and that no channel measures.
 
 Poles and slots of the motor (cogging) give its torque a ripple: forces with a whole number of periods per
 turn, their *order*, and with the same phase in every trip, so that averaging over repetitions does not remove
@@ -18,7 +18,14 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.balls import ball_forces, find_balls
-from ballscrew.modal.joint.blocks import make_block, orthonormaliser, project, ripple_columns, whiten
+from ballscrew.modal.joint.blocks import (
+    ROTOR_HELD,
+    make_block,
+    orthonormaliser,
+    project,
+    ripple_columns,
+    whiten,
+)
 from ballscrew.modal.joint.fit import CLEAR_REDUCTION, SAMPLES_PER_INDEPENDENT, JointFit
 from ballscrew.modal.joint.initial import FREQUENCY_SCALES, InitialValues
 from ballscrew.modal.joint.local_wear import UNKNOWN, LocalVariation
@@ -28,34 +35,41 @@ from ballscrew.modal.joint.result import RippleOrder
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows, subset
 
-_HIGHEST_ORDER = 36
-_MOST_ORDERS = 5
+_HIGHEST_ORDER = 36  # periods per turn of the highest order that is considered
+_MOST_ORDERS = 5  # largest number of orders that are fitted
 
 # An order is significant if the power of the residual that it explains exceeds each of these.
-_LEAST_POWER = 0.004  # of the residual's: a smaller order moves no frequency
-_CHANCE = 20.0  # of an independent sample's: exceeded by chance once in 2000 orders or less
-_OUTSTANDING = 12.0  # of what the median order explains, since the residual is not white
+_LEAST_POWER = 0.004  # over the power of the residual: a smaller order has no effect on a frequency
+_CHANCE = 20.0  # over the mean power of an independent sample: by chance once in 2000 orders or less
+_OUTSTANDING = 12.0  # over the power that the median order explains, since the residual is not white
 
-_RANK_TOLERANCE = 1e-6  # of the largest eigenvalue: directions of the columns with less are rounding
-_ROUNDS = 4  # of selection and fit
-_ITERATIONS = 6
-# Of the power of the response: where more is unexplained, a tone may have been taken for the mode.
+_RANK_TOLERANCE = 1e-6  # of the largest eigenvalue: smaller ones of the columns' products are rounding errors
+_ROUNDS = 4  # largest number of alternations of selection and fit
+_ITERATIONS = 6  # largest number of iterations of such a fit
+# Unexplained part of the power of the response from which on a tone may have been taken for the mode.
 _POOR = 0.05
 
-# Relative error of an amplitude, on the testbed.
+# Relative standard uncertainty of an amplitude by errors of the model, by block, on the testbed.
 _MODEL_ERROR = {"torque-nut": 0.04, "torque-motor": 0.07}
-# Frequency of an order at full speed over that of the mode: below it, the order in the band and the response
-# of the mode to it are too similar for an amplitude.
+# Least frequency at full speed, over that of the mode, of an order whose amplitude is estimated: below it the
+# order in the band and the response of the mode to it are too similar.
 _REACHED = 0.65
-_NEIGHBOUR = 3  # a force between whole orders may appear as orders that differ by up to this
-_ZERO = 1e-12  # m/s²
+_NEIGHBOUR = 3  # a force between whole orders may appear as several orders that differ by up to this
+_ZERO = 1e-12  # amplitudes (m/s²) and gains below it count as 0
 
 
 @dataclass(frozen=True, slots=True)
 class Force:
-    """Forces of a fit that repeat along the screw: whole orders, and the order of the balls if significant.
+    """Forces of a fit that repeat along the screw.
 
-    ``lead`` is the travel per turn, m.
+    Parameters
+    ----------
+    lead : float
+        Travel per turn, m.
+    orders : tuple of int
+        Whole orders, periods per turn, ascending.
+    balls : float or None
+        Order of the force of passing balls, passes per turn; None if it is not significant.
     """
 
     lead: float
@@ -85,7 +99,8 @@ class RippleModel:
     from_rest : bool
         As for :func:`~ballscrew.modal.joint.blocks.make_block`.
     initial : InitialValues
-        The lead; and the frequency around which the mode is searched for again if ripple was taken for it.
+        Gives the lead, and the frequency around which the mode is searched for again if ripple was taken for
+        it.
     profile : Profile
         Which parameters are fitted.
     """
@@ -118,13 +133,14 @@ class RippleModel:
         variation: LocalVariation,
         now: JointFit | None,
     ) -> RippleFit:
-        """Select the orders and fit, in alternation; ``now`` is a fit without ripple, if there is one."""
+        """Select the orders and fit, in alternation; ``now`` is a fit in motion without ripple, or None."""
         forces = Force(self.initial.lead)
         for number in range(_ROUNDS):
             before = forces
             forces = self._select(w, harmonics, modes[0], forces)
-            # The fit without ripple did not begin at standstill: another is needed if this one does.
-            if now is not None and forces == before and (number > 0 or not self.from_rest):
+            # From standstill on, a fit is needed even without any order: `now` is one in motion.
+            is_fitted = number > 0 or not self.from_rest
+            if now is not None and forces == before and is_fitted:
                 break
             ripple, balls = _forces(harmonics, forces.orders), ball_forces(w, forces.lead, forces.balls)
             blocks = [
@@ -133,11 +149,14 @@ class RippleModel:
             ]
             now, variation = fit_profile(blocks, modes, self.profile, variation, _ITERATIONS)
             modes = now.modes
-        assert now is not None  # noqa: S101  the first round fits if there was no fit
+        assert now is not None  # noqa: S101  without a given fit, the first round makes one
         return RippleFit(now, variation, forces)
 
     def _select(self, w: Windows, harmonics: Array, mode: AxialMode, before: Force) -> Force:
-        """Whole orders; once they stay, also that of the balls: before, it may be a remainder of one."""
+        """Select the whole orders, and when these no longer change, that of the balls.
+
+        Before, a whole order that is not yet fitted might be mistaken for that of the balls.
+        """
         name, lead = self.names[0], before.lead
         balls = ball_forces(w, lead, before.balls)
         orders = select_orders(name, w, mode, harmonics, lead, balls, from_rest=self.from_rest)
@@ -147,14 +166,14 @@ class RippleModel:
         return replace(before, balls=find_balls(name, w, mode, lead, ripple, from_rest=self.from_rest))
 
     def _search_mode(self, w: Windows, modes: tuple[AxialMode, ...]) -> tuple[AxialMode, ...]:
-        """Search for the rotor-free frequency that leaves least, each tried with the best orders for it.
+        """Search for the rotor-free frequency that leaves least power, each with the best orders for it.
 
-        The motor's motion contains the ripple, so the fit of the rotor-held mode is not misled by it; slope
-        and damping are taken from there.
+        The motor's motion contains the ripple, which therefore does not impair the fit of the rotor-held
+        mode: the profile along the axis is that of this mode, if it was fitted.
         """
         base = replace(modes[0], slope=self.initial.slope, curve=0.0)
         if len(modes) > 1:
-            base = modes[1]
+            base = modes[ROTOR_HELD]
         base = replace(
             base,
             damping=INITIAL_DAMPING,
@@ -180,7 +199,7 @@ class RippleModel:
 
 
 def turn_harmonics(trips: Sequence[TripSignals], w: Windows, lead: float) -> Array:
-    """Cosine and sine of every order along the windows, averaged over the trips like all signals.
+    """Cosine and sine of every order along the windows, averaged over the trips as all signals are.
 
     Parameters
     ----------
@@ -194,7 +213,7 @@ def turn_harmonics(trips: Sequence[TripSignals], w: Windows, lead: float) -> Arr
     Returns
     -------
     ndarray, shape (n, orders, 2)
-        Orders from 1 on, less their values at the start of the window; none without a lead.
+        For the orders from 1 on, less the values at the start of each window; shape (n, 0, 2) without a lead.
     """
     if not lead > 0:
         return np.empty((len(w.place), 0, 2))
@@ -204,6 +223,7 @@ def turn_harmonics(trips: Sequence[TripSignals], w: Windows, lead: float) -> Arr
         for trip, first in pieces:
             position = trips[trip].position[first : first + stop - start]
             fundamental = np.exp(2j * math.pi / lead * position)
+            # An order is a power of the first.
             total += np.cumprod(np.repeat(fundamental[:, None], _HIGHEST_ORDER, axis=1), axis=1)
         mean = (total - total[0]) / len(pieces)
         out[start:stop, :, 0], out[start:stop, :, 1] = mean.real, mean.imag
@@ -211,10 +231,10 @@ def turn_harmonics(trips: Sequence[TripSignals], w: Windows, lead: float) -> Arr
 
 
 def forces_along(trips: Sequence[TripSignals], w: Windows, forces: Force) -> tuple[Array, Array]:
-    """Columns of the whole orders and of the balls along the windows of some trips."""
-    if not forces.orders:
-        return np.empty((len(w.place), 0)), ball_forces(w, forces.lead, forces.balls)
-    ripple = _forces(turn_harmonics(trips, w, forces.lead), forces.orders)
+    """Forces along the windows of some trips: ``ripple`` and ``balls`` of make_block."""
+    ripple = np.empty((len(w.place), 0))
+    if forces.orders:
+        ripple = _forces(turn_harmonics(trips, w, forces.lead), forces.orders)
     return ripple, ball_forces(w, forces.lead, forces.balls)
 
 
@@ -230,8 +250,8 @@ def select_orders(
 ) -> tuple[int, ...]:
     """Orders in the band that explain a significant part of the residual of a block without ripple.
 
-    An order whose frequency at full speed lies below the band does not move the mode. Its column varies as
-    slowly as friction while the axis accelerates, and would be fitted to that.
+    An order whose frequency at full speed lies below the band does not excite the mode. Its column varies as
+    slowly as friction while the axis accelerates, and would be fitted to friction.
 
     Parameters
     ----------
@@ -243,14 +263,15 @@ def select_orders(
         See :func:`turn_harmonics`.
     lead : float
         Travel per turn, m.
-    balls : ndarray, optional
-        Of :func:`ball_forces`, which the residual is to be without.
+    balls : ndarray, shape (n, 4), optional
+        Result of :func:`~ballscrew.modal.joint.balls.ball_forces`: forces that are fitted too, so that the
+        residual does not contain them.
 
     Returns
     -------
     tuple of int
-        Ascending. They are selected one by one, the most significant first; what an order explains is removed
-        before the next is selected (orthogonal least squares).
+        Ascending. They are selected one by one, the most significant first; the part of the residual that an
+        order explains is removed before the next is selected (orthogonal least squares).
     """
     count = harmonics.shape[1]
     if count == 0:
@@ -263,35 +284,33 @@ def select_orders(
     forces = harmonics.reshape(len(harmonics), 2 * count)
     with_ripple = make_block(name, w, from_rest=from_rest, ripple=forces)
     columns = whiten(b, ripple_columns(with_ripple, mode), solved.free)
-    # Columns of one order: cosine and sine, in the band and through the mode.
+    # Indices of the four columns of each order: cosine and sine, in the band and as response of the mode.
     of_order = np.arange(columns.shape[1]).reshape(-1, count, 2).transpose(1, 0, 2).reshape(count, -1)
-    products, correlation = (
-        solved.products(columns, columns.shape[1]),
-        columns.T @ residual,
-    )  # all that the selection needs
+    products = solved.products(columns, columns.shape[1])
+    correlation = columns.T @ residual
     lowest = math.ceil(w.band.low * lead / float(np.abs(w.speed).max()))
     candidates = set(range(lowest, count + 1))
     found: list[int] = []
     while candidates and len(found) < _MOST_ORDERS:
-        bases, gains = {}, {}
-        for k, at in enumerate(of_order):
-            if k + 1 not in found:
-                bases[k] = orthonormaliser(products[np.ix_(at, at)], _RANK_TOLERANCE)
-                gains[k] = float(np.sum((bases[k].T @ correlation[at]) ** 2))
-        best = max(candidates, key=lambda order: gains[order - 1]) - 1
-        if gains[best] < max(least, _OUTSTANDING * float(np.median(list(gains.values())))):
+        to_basis, powers = {}, {}  # powers: of the residual, that each order explains
+        for order, at in enumerate(of_order, start=1):
+            if order not in found:
+                to_basis[order] = orthonormaliser(products[np.ix_(at, at)], _RANK_TOLERANCE)
+                powers[order] = float(np.sum((to_basis[order].T @ correlation[at]) ** 2))
+        best = max(candidates, key=lambda order: powers[order])
+        if powers[best] < max(least, _OUTSTANDING * float(np.median(list(powers.values())))):
             break
-        found.append(best + 1)
-        candidates.remove(best + 1)
-        at = of_order[best]
-        # Gram and Schmidt: the other columns without their parts along those of the order.
-        projection, explained = bases[best].T @ products[at], bases[best].T @ correlation[at]
+        found.append(best)
+        candidates.remove(best)
+        at = of_order[best - 1]
+        # Gram and Schmidt: the other columns and the residual, less their projections on those of the order.
+        projection, explained = to_basis[best].T @ products[at], to_basis[best].T @ correlation[at]
         products, correlation = products - projection.T @ projection, correlation - projection.T @ explained
     return tuple(sorted(found))
 
 
 def _forces(harmonics: Array, orders: Sequence[int]) -> Array:
-    """Cosine and sine of these orders, shape (n, 2 * orders)."""
+    """Cosine and sine of these orders, shape (n, 2 * orders), of the result of :func:`turn_harmonics`."""
     selected = harmonics[:, [order - 1 for order in orders]]
     return np.ascontiguousarray(selected.reshape(len(harmonics), 2 * len(orders)))
 
@@ -306,14 +325,15 @@ def ripple_amplitudes(found: JointFit, orders: Sequence[int], lead: float) -> tu
     orders : sequence of int
         The orders in it.
     lead : float
-        Of the screw, m.
+        Travel per turn, m.
 
     Returns
     -------
     tuple of RippleOrder
-        Amplitude: response of the mode to the order over that to the torque, of the mean of the responses.
-        None if the order stays well below the mode during the test, or if a neighbouring order was found too,
-        which indicates one force between whole orders.
+        Each amplitude, m/s², is the weight of the mode's response to the order over the gain of its response
+        to the torque, both of the mean of the accelerometers. None if the frequency of the order stays well
+        below the mode during the test, or if a neighbouring order was found too, which indicates a single
+        force between whole orders.
     """
     solved, b, mode = found.solved[0], found.blocks[0], found.modes[0]
     weights, residual = solved.weights.mean(axis=1), solved.residual.mean(axis=1)
@@ -322,13 +342,14 @@ def ripple_amplitudes(found: JointFit, orders: Sequence[int], lead: float) -> tu
     gain = _torque_gain(found, weights)
     turns = float(np.abs(b.windows.speed).max()) / lead if lead > 0 else 0.0  # per second, at full speed
     out = []
+    first = len(weights) - 2 * len(orders)  # the last weights are of cosine and sine of each order
     for k, order in enumerate(orders):
-        at = len(weights) - 2 * (len(orders) - k) + np.arange(2)
+        at = first + 2 * k + np.arange(2)
         size = math.hypot(*weights[at])
         reaches_mode = order * turns >= _REACHED * mode.middle_frequency
-        alone = not any(0 < abs(other - order) <= _NEIGHBOUR for other in orders)
-        if not alone or not reaches_mode or size < _ZERO or gain < _ZERO:
-            out.append(RippleOrder(order, None, None, reaches_mode and not alone))
+        has_neighbour = any(0 < abs(other - order) <= _NEIGHBOUR for other in orders)
+        if has_neighbour or not reaches_mode or size < _ZERO or gain < _ZERO:
+            out.append(RippleOrder(order, None, None, reaches_mode and has_neighbour))
             continue
         gradient = weights[at] / size / gain  # of the amplitude by the two weights
         noise = math.sqrt(gradient @ covariance[np.ix_(at, at)] @ gradient)
@@ -337,10 +358,14 @@ def ripple_amplitudes(found: JointFit, orders: Sequence[int], lead: float) -> tu
 
 
 def _torque_gain(found: JointFit, weights: Array) -> float:
-    """Gain, at the mode's frequency, of a response over the simulated acceleration of the table."""
+    """Gain, at the mode's frequency, of a response over the simulated acceleration of the table.
+
+    ``weights`` are those of the columns of the first block in the response.
+    """
     b, mode = found.blocks[0], found.modes[0]
     f = mode.middle_frequency
-    derivative, ratio = 1j * math.sin(2 * math.pi * f / b.windows.rate), f / mode.pitch
+    derivative = 1j * math.sin(2 * math.pi * f / b.windows.rate)  # of the central differences
+    ratio = f / mode.pitch
     factors = [1, derivative]
     if b.name != "torque-motor":
         pitching = 1 / (1 - ratio**2 + 2j * mode.pitch_damping * ratio)

@@ -1,4 +1,4 @@
-"""Comparison of the trips of a run, whose average is one state of the axis only if they agree."""
+"""Comparison of the trips of a run: their average is a state of the axis only if they agree."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ from ballscrew.modal.joint.uncertainty import parameter_deviation
 from ballscrew.modal.joint.windows import average_windows, subset
 from ballscrew.modal.reason import Reason
 
-_STEPS = 2  # of a fit from the run's own: differences of trips of one state are small
-# Least difference of a trip from the others that is reported, over its standard uncertainty; and relative.
+_STEPS = 2  # steps of a fit, which begins with the mode of the run: trips of the same state differ little
+# Least difference of a trip from the others that is reported: over its standard uncertainty, and over the
+# frequency.
 _CLEAR = 4.0
 _LEAST_DIFFERENCE = 0.003
 
@@ -37,7 +38,7 @@ def trip_shifts(
     found: JointFit,
     forces: Force,
 ) -> tuple[TripShift, ...]:
-    """Fit the compliance of every trip alone to the first block, in motion; the mode's rest is as in the run.
+    """Fit the compliance of every trip alone to the first block, in motion; all else is as in the run.
 
     Parameters
     ----------
@@ -48,9 +49,9 @@ def trip_shifts(
     inertia : float
         Total inertia, in units of force per m/s².
     found : JointFit
-        Of the run.
+        The final fit of the run.
     forces : Force
-        Ripple and balls in it.
+        Ripple and balls in this fit.
 
     Returns
     -------
@@ -68,17 +69,19 @@ def trip_shifts(
         if w is None:
             continue
         w = subset(w)
-        w = replace(w, place=w.place + w.middle - middle, middle=middle)
+        w = replace(w, place=w.place + w.middle - middle, middle=middle)  # positions as in the run
         ripple, balls = forces_along([trip], w, forces)
         block = replace(make_block(first.name, w, ripple=ripple, balls=balls), filter=first.filter)
         fit = fit_blocks((block,), (mode,), ("compliance",), most_steps=_STEPS)
+        # The frequency is proportional to 1/√compliance.
         shift = -math.log(fit.modes[0].compliance / mode.compliance) / 2
-        out.append(TripShift(trip.name or f"trip {number + 1}", shift, parameter_deviation(fit, 0) / 2))
+        uncertainty = parameter_deviation(fit, 0) / 2
+        out.append(TripShift(trip.name or f"trip {number + 1}", shift, uncertainty))
     return tuple(out)
 
 
 def disagreement(shifts: Sequence[TripShift]) -> Reason | None:
-    """The reason, if a trip differs clearly from the mean of the others.
+    """The reason to be suspect, if a trip differs clearly from the mean of the others; otherwise None.
 
     An error of the model is common to all trips and cancels in the difference.
     """
@@ -88,8 +91,8 @@ def disagreement(shifts: Sequence[TripShift]) -> Reason | None:
         if not others:
             return None
         mean = sum(other.shift for other in others) / len(others)
-        scatter = math.sqrt(sum(other.uncertainty**2 for other in others)) / len(others)
-        difference, u = trip.shift - mean, math.hypot(trip.uncertainty, scatter)
+        of_mean = math.sqrt(sum(other.uncertainty**2 for other in others)) / len(others)
+        difference, u = trip.shift - mean, math.hypot(trip.uncertainty, of_mean)
         if abs(difference) > max(_CLEAR * u, _LEAST_DIFFERENCE):
             differing.append(f"{trip.name} by {100 * difference:+.1f} ± {100 * u:.1f} %")
     if not differing:

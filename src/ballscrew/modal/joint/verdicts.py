@@ -34,26 +34,30 @@ from ballscrew.modal.run import FrameMode
 _SUSPECT_UNCERTAINTY = 0.003  # standard uncertainty over the frequency
 _SUSPECT_LOAD = 2.0  # load on the nut over its preload
 
-_REPETITIONS = 3  # with fewer, no scatter shows errors that are common to the repetitions of all cells
-_LEAST_DAMPING, _MOST_DAMPING = 0.004, 0.25  # damping ratio of an axial mode
-_EDGE_LOW, _EDGE_HIGH = 1.05, 0.8  # of the band's lower and upper limit: the mode must lie between
+# Least number of repetitions: with fewer, errors common to all cells of a repetition are not in the scatter.
+_REPETITIONS = 3
+_LEAST_DAMPING, _MOST_DAMPING = 0.004, 0.25  # limits of the damping ratio of an axial mode
+# Limits of the mode's frequency, over the lower and over the upper limit of the band.
+_EDGE_LOW, _EDGE_HIGH = 1.05, 0.8
 
 # A force at the motor that was not measured, or a disturbed torque signal: much of the nut's response is
-# unexplained by the torque, and nearly all of it is explained by the motor's own motion.
-_UNEXPLAINED = 0.1  # of the response's power, unexplained by the torque: more is a reason to be suspect
-# Part of this that the motor's motion leaves unexplained too: up to it the nut follows the motor.
-_BY_MOTION_TOO = 0.1
-_MOST_UNEXPLAINED = 0.3  # of the response's power, unexplained by the torque: with more all cells are refused
-# With such a force, a mode with a smaller damping ratio may be a tone of the motor: refused.
+# unexplained by the torque, and nearly all of it is explained by the motor's own motion. Parts of the power
+# of the response:
+_UNEXPLAINED = 0.1  # part unexplained by the torque from which on all cells are suspect
+_BY_MOTION_TOO = 0.1  # largest part unexplained by the motor's motion, over that unexplained by the torque
+_MOST_UNEXPLAINED = 0.3  # part unexplained by the torque above which all cells are refused
+# Damping ratio below which, with such a force, the mode may be a tone of the motor: all cells are refused.
 _TONE_DAMPING = 0.015
-# Power of the response to ripple over that to the torque: from it on all cells are suspect.
+# Power of the response to ripple over that to the torque, from which on all cells are suspect.
 _MOST_RIPPLE = 1.0
 
-# Frequency at a stop by the motor's response less that by the nut's, over the standard uncertainty of the
-# result and over its own. The first is 2.6 at most on the bench, on 33 good random axes and on twelve of them
-# at 0.6 of their preload, and 2.8 on another, whose intervals miss in 18 of 40 cells. With both sensors
-# loose, their mounts at 1.2 to 1.4 times the axial mode, it is 2.7 to 4.8 in the five runs (of 22, on ten
-# axes and the bench) in which intervals would miss and be called good, and the second is 3.6 at least.
+# Largest difference between the frequencies at a stop by the motor's response and by the nut's, over the
+# standard uncertainty of the result, and over that of the difference: suspect where both are exceeded. The
+# first ratio is 2.6 at most on the bench, on 33 good random axes and on twelve of them at 0.6 of their
+# preload. On another axis it is 2.8, and the true values lie outside the intervals in 18 of 40 cells. With
+# both sensors loose, their mounts at 1.2 to 1.4 times the axial mode, it is 2.7 to 4.8 in the five runs (of
+# 22, on ten axes and the bench) in which they would lie outside intervals called good, and the second ratio
+# is 3.6 at least.
 _DIFFERENCE, _CLEAR_DIFFERENCE = 2.75, 3.0
 
 _ONCE = Reason(
@@ -82,7 +86,7 @@ def refused_run(
     transients : sequence of TransientRow
         The run.
     reason : Reason
-        Of all.
+        Why all cells are refused.
     ripple : sequence of RippleOrder
         Orders found; their amplitudes are not reported.
 
@@ -108,13 +112,13 @@ def joint_result(
     Parameters
     ----------
     found : SearchResult
-        The fit.
+        The final fit.
     transients : sequence of TransientRow
         The run.
     settings : JointSettings
-        Settings.
+        Settings of the method.
     rounding : float
-        Power of the rounding of the force over the total inertia, (m/s²)²/Hz.
+        Power spectral density of the rounding error of the force over the total inertia, (m/s²)²/Hz.
 
     Returns
     -------
@@ -155,20 +159,22 @@ def joint_result(
 
 
 def _frame_mode(found: SearchResult) -> FrameMode | None:
-    """Mode of the frame that was fitted with the axial one."""
+    """Mode of the frame that was fitted with the axial one; None if there is none."""
     if found.frame is None:
         return None
     fit, mode = found.fit, found.fit.modes[0]
-    spread = parameter_deviation(fit, fit.parameters.index(("frame", None)))
-    mass_ratio = None
+    relative_deviation = parameter_deviation(fit, fit.parameters.index(("frame", None)))
+    mass_ratio = None  # without the rotor-held mode, the rotor's factor of the coupling is not known
     if any(b.mode_index == ROTOR_HELD for b in fit.blocks):
         mass_ratio = 1 / mode.coupling
+    # The log residual is a sum over the blocks: geometric mean of the ratios of their rms residuals.
+    residual_ratio = math.exp(-found.frame.reduction / len(found.frame.modes))
     return FrameMode(
         mode.frame,
-        mode.frame * spread,
+        mode.frame * relative_deviation,
         mode.frame_damping,
         mass_ratio,
-        math.exp(-found.frame.reduction / len(found.frame.modes)),
+        residual_ratio,
         found.frame.distinct,
     )
 
@@ -179,7 +185,7 @@ def _cell_results(
     """Results of the cells that have a window."""
     fit = found.fit
     w, mode = fit.blocks[0].windows, fit.modes[0]
-    # Deviation from the smooth profile: from the fitted one, plus the local wear in that.
+    # Deviation from the smooth profile: that from the fitted profile, plus the effect of local wear in it.
     deviation, deviation_uncertainty = cell_deviations(fit, 0)
     smooth = replace(mode, places=(), local=())
     deviation = deviation + mode_frequency(mode, w.stops) - mode_frequency(smooth, w.stops)
@@ -213,7 +219,10 @@ def _cell_results(
 def _shared_errors(
     frequencies: CellFrequencies, order: Sequence[CellKey], accepted: dict[CellKey, int]
 ) -> tuple[SharedError, ...]:
-    """Effects of every independent cause on the cells in this order; 0 for refused cells."""
+    """Effects (Hz) of every independent cause on the cells in the given order; 0 for refused cells.
+
+    ``accepted`` is the index of each accepted cell among those with a window.
+    """
     rows = [order.index(key) for key in accepted]
     out = []
     for term in frequencies.terms:
@@ -224,7 +233,7 @@ def _shared_errors(
 
 
 def _cell_reasons(frequencies: CellFrequencies, cell: int, settings: JointSettings) -> list[Reason]:
-    """Reasons for a cell to be suspect, or refused."""
+    """Reasons for a cell, given by its index, to be suspect or refused; that of the load on the nut first."""
     load, u = float(frequencies.nut_load[cell]), float(frequencies.uncertainty[cell])
     f = float(frequencies.free[cell])
     reasons = []
@@ -247,7 +256,7 @@ def _reason_of_worst_cell(frequencies: CellFrequencies, settings: JointSettings)
     by_load = frequencies.nut_load / settings.most_load
     by_uncertainty = frequencies.uncertainty / frequencies.free / settings.most_uncertainty
     worst = int(np.argmax(np.maximum(by_load, by_uncertainty)))
-    reasons = _cell_reasons(frequencies, worst, settings)  # that of the load first
+    reasons = _cell_reasons(frequencies, worst, settings)
     return reasons[0 if by_load[worst] >= by_uncertainty[worst] else -1]
 
 
@@ -273,15 +282,16 @@ def _run_reasons(found: SearchResult, frequencies: CellFrequencies) -> list[Reas
 
 
 def _other_nut(found: SearchResult, frequencies: CellFrequencies) -> Reason | None:
-    """The reason, if the test's load may unload the nut, and the fit has found a much smaller one.
+    """The reason, if the expected load on the nut unloads it, and is much larger than the fitted one.
 
-    A nut softens until the load unloads it and stiffens beyond, so two loads can explain the responses about
-    equally well. By the wrong one the frequencies of all cells have errors, since they lie on one curve.
+    The load is expected from data sheet and frequency. A nut softens until the load unloads it and stiffens
+    beyond, so two loads over preload can explain the responses about equally well. If the fit found the wrong
+    one, the frequencies of all cells have errors, since they lie on the same curve.
     """
-    value, highest = found.fit.modes[0].mass_over_preload, float(frequencies.nut_load.max())
-    if not value > 0:
+    fitted, highest = found.fit.modes[0].mass_over_preload, float(frequencies.nut_load.max())
+    if not fitted > 0:
         return None
-    ratio = found.profile.mass_over_preload / value
+    ratio = found.profile.mass_over_preload / fitted
     if ratio < OTHER_NUT or ratio * highest <= RELEASE:
         return None
     text = (
@@ -292,7 +302,7 @@ def _other_nut(found: SearchResult, frequencies: CellFrequencies) -> Reason | No
 
 
 def _responses_differ(fit: JointFit, frequencies: CellFrequencies) -> Reason | None:
-    """The reason, if motor and nut show different frequencies, by more than the uncertainty of the result."""
+    """The reason, if the frequencies by motor and nut differ by more than the uncertainty of the result."""
     compared = response_difference(fit)
     if compared is None:
         return None
@@ -301,17 +311,18 @@ def _responses_differ(fit: JointFit, frequencies: CellFrequencies) -> Reason | N
     worst = int(np.argmax(np.abs(difference) / limit))
     if not abs(difference[worst]) > limit[worst]:
         return None
-    percent = 100 / frequencies.free[worst]
+    to_percent = 100 / frequencies.free[worst]
     text = (
         f"the frequency by the motor's response differs from that by the nut's by up to "
-        f"{percent * difference[worst]:+.2f} ± {percent * deviation[worst]:.2f} %: is a sensor loose, or the "
-        "torque filtered?"
+        f"{to_percent * difference[worst]:+.2f} ± {to_percent * deviation[worst]:.2f} %: is a sensor loose, "
+        "or the torque filtered?"
     )
     return Reason("responses-differ", text)
 
 
 def _moved_by_ripple(fit: JointFit) -> bool:
     """True if ripple moves the axis more than the torque does."""
+    # The last columns are the responses of the mode to each force of the ripple.
     solved, count = fit.solved[0], fit.blocks[0].ripple.shape[1]
     if count == 0:
         return False
@@ -335,7 +346,7 @@ def _unmeasured_force(fit: JointFit) -> Reason | None:
 
 
 def _run_refusal(found: SearchResult, settings: JointSettings) -> Reason | None:
-    """The reason to refuse a whole run; None if there is none."""
+    """The reason to refuse a whole run; None if the run is accepted."""
     fit = found.fit
     mode, w = fit.modes[0], fit.blocks[0].windows
     unexplained = fit.solved[0].unexplained
