@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -23,6 +24,8 @@ from ballscrew.calibration.calibration import calibrate
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.service import calibrating
 from ballscrew.service.calibrating import CalibrationTask, Calibrator, calibrate_stored
+from ballscrew.service.pages import calibration_page
+from ballscrew.service.pages.rendering import format_moment
 from ballscrew.service.serving import Service
 from ballscrew.store.adding import add_run
 from ballscrew.store.raw_files import text_files
@@ -226,3 +229,27 @@ def test_a_calibration_ends_with_the_server(client: TestClient, service: Service
     service.stopping.set()
     found = ended(client)
     assert (found["status"], found["error"]) == ("failed", "the server stops.")
+
+
+def test_the_page_offers_the_first_and_the_last_runs_of_a_long_history(
+    client: TestClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(5):
+        send_result(client, number)
+    runs = [run.id for run in RUNS[:5]]
+    monkeypatch.setattr(calibration_page, "_LISTED", 2)
+    page = get(client, PAGE)
+    assert re.findall('name="run" value="([^"]+)"', page) == [*runs[:2], *runs[-2:]]
+    monkeypatch.setattr(calibration_page, "_LISTED", 3)
+    assert re.findall('name="run" value="([^"]+)"', get(client, PAGE)) == runs
+
+
+def test_the_page_says_what_is_determined_and_what_one_more_measurement_would_determine() -> None:
+    offer = {"kind": "offer", "what": "one more load", "share": 0.1, "log_preload": 0.2, "mass": 0.3}
+    sentence = f"The preload of {RUNS[1].id[:12]} is determined by the data."
+    known = {"kind": "direction", "sentence": sentence}
+    model = replace(MODEL, knowledge=(known, offer))
+    found = calibration_page.report_of(model, {RUNS[1].id: "2026-03-01T08:00:00+00:00"}, "en")
+    assert found["offers"] == [offer]
+    time = format_moment("2026-03-01T08:00:00+00:00", "en")
+    assert found["determined"] == [f"The preload of {time} is determined by the data."]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 from statistics import median
@@ -19,6 +20,8 @@ from tests.simulated_bench import AXIS
 from tests.store.stored import MODEL, RUNS, fill
 
 from ballscrew.cli.shell import run as run_command
+from ballscrew.recording.lost_motion import LostMotion
+from ballscrew.service.curves import _over
 from ballscrew.service.pages.rendering import format_percent, page_sentence
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
@@ -366,3 +369,26 @@ def test_only_the_first_rows_of_a_long_table_are_printed_and_a_line_says_so(clie
     assert count > 20
     assert f"Printed: the first 20 of {count} rows." in page_of(client, name)
     assert "Printed:" not in page_of(client)
+
+
+@pytest.mark.parametrize(
+    ("statistic", "limit", "expected"),
+    [(None, 2.0, None), (3.0, None, None), (3.0, 0.0, None), (3.0, 2.0, 1.5), (-1.0, 2.0, 0.0)],
+)
+def test_evidence_is_relative_to_its_limit_where_there_is_one(
+    statistic: float | None, limit: float | None, expected: float | None
+) -> None:
+    assert _over(statistic, limit) == expected
+
+
+def test_friction_and_lost_motion_are_shown_where_a_run_states_them(tmp_path: Path) -> None:
+    store = create_store(tmp_path / "store")
+    lost = tuple(LostMotion(0.1 * n, value, 1e-7, 2) for n, value in enumerate((3e-6, 1e-6, 8e-6)))
+    first = replace(RUNS[0], lost_motion=lost)
+    fill(store, [first, replace(RUNS[1], rigid_body=None)])
+    service = Service(ServedStore(store.path), ServerSettings(min_free_bytes=0))
+    with client_of(service) as client:
+        found = curves(client, "mechanics")
+    assert RUNS[0].rigid_body is not None
+    assert found["coulomb_N"] == [[RUNS[0].rigid_body.coulomb_N, 1.0], None]
+    assert found["lost_motion_m"] == [[3e-6, 1e-6, 8e-6], None]

@@ -46,3 +46,11 @@ def test_other_choices_are_a_form_with_a_sentence(
     filled: TestClient, query: str, status: int, message: str
 ) -> None:
     assert message in page(filled, f"/compare?{query}", status)
+
+
+def test_a_beginning_of_several_ids_is_a_form_with_the_reason(filled: TestClient) -> None:
+    for number in (2, 3):
+        assert send_result(filled, number, id=f"0123456789{number}").status_code == 202
+    text = page(filled, f"/compare?a=0123456789&b={RUNS[0].id}", 409)
+    assert "give more of it" in text
+    assert "there is no axis and no run" not in text

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from fastapi.testclient import TestClient
+from tests.service.conftest import send_result
 from tests.service.pages.forms import get
+from tests.store.stored import RUNS
 
 from ballscrew.service.pages.help_topics import TOPICS
 
@@ -39,3 +43,19 @@ def test_a_hostile_address_is_escaped(client: TestClient) -> None:
     answer = client.get("/help/<script>x", headers={"Accept": "text/html"})
     assert answer.status_code == 404
     assert "<script>x" not in answer.text
+
+
+def test_a_wrong_value_in_an_address_is_a_page_with_a_sentence(client: TestClient) -> None:
+    send_result(client, 0)
+    path = f"/runs/{RUNS[0].id}?cell=first"
+    answer = client.get(path, headers={"Accept": "text/html"})
+    assert (answer.status_code, answer.headers["Content-Type"]) == (422, "text/html; charset=utf-8")
+    assert "unable to parse string as an integer" in answer.text
+    assert set(client.get(path, headers={"Accept": "application/json"}).json()) == {"detail"}
+
+
+def test_a_file_of_the_pages_that_there_is_not_is_404(client: TestClient) -> None:
+    (script,) = re.findall(r'src="(/static/\w+)/pages\.js"', get(client, "/help"))
+    assert client.get(f"{script}/pages.js").status_code == 200
+    answer = client.get(f"{script}/none.js")
+    assert (answer.status_code, answer.json()["detail"]) == (404, "there is no such file.")

@@ -6,6 +6,7 @@ import html
 import re
 import shlex
 from pathlib import Path
+from types import SimpleNamespace
 from urllib.parse import quote
 
 import pytest
@@ -16,6 +17,7 @@ from tests.simulated_bench import AXIS
 from tests.store.stored import MODEL, RUNS
 
 from ballscrew.cli.shell import run as command
+from ballscrew.service.pages import run as run_page
 from ballscrew.service.pages.rendering import format_number
 from ballscrew.service.serving import Service
 from ballscrew.store.adding import add_model
@@ -158,3 +160,10 @@ def test_a_run_that_is_not_there_and_one_of_several_are_pages(filled: TestClient
     text = page(filled, "/runs/01234567", 409)
     assert f'href="/runs/01234567{56 * "b"}"' in text
     assert "No such run" in page(filled, "/runs/none/signals", 404)
+
+
+def test_commands_are_quoted_for_the_shell_of_the_computer(monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ("store", "show", "my plant")
+    assert run_page._command(*words) == "ballscrew store show 'my plant'"
+    monkeypatch.setattr(run_page, "os", SimpleNamespace(name="nt"))
+    assert run_page._command(*words) == 'ballscrew store show "my plant"'

@@ -250,3 +250,14 @@ def test_the_name_leads_to_the_account_and_the_button_out(service: Service, admi
     assert answer.headers["Location"] == "/sign-in"
     with anonymous(service) as client:
         assert "Sign out" not in client.get("/sign-in").text
+
+
+def test_an_administrator_makes_a_new_link_for_a_user_who_forgot_the_password(
+    service: Service, admin: TestClient
+) -> None:
+    text = admin.post("/users", data={"do": "link", "name": "vera"}).text
+    (link,) = re.findall(r"http://localhost(/link/[\w-]+)<", text)
+    with anonymous(service) as client:
+        assert client.post(link, data={"password": OTHER, "again": OTHER}).status_code == 303
+        assert client.post("/sign-in", data={"name": "vera", "password": OTHER}).status_code == 303
+        assert client.get(link).status_code == 404
