@@ -27,16 +27,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class UncertaintyPart:
-    """One part of the standard uncertainty of P over its reference.
+    """Contribution of one error to the standard uncertainty of P/P₀, or of P/P_ref without a baseline.
 
     Parameters
     ----------
     name : str
-        As printed.
+        Of the error, as printed.
     standard_uncertainty : float
-        Of P over its reference.
+        Of the ratio, by this error alone.
     random : bool
-        Whether it differs from run to run.
+        Whether the error differs from run to run.
     """
 
     name: str
@@ -50,16 +50,18 @@ class PreloadEstimate(PlottedResult):
 
     Parameters
     ----------
-    run, baseline : str or None
-        Ids.
+    run : str
+        Id of the run.
+    baseline : str or None
+        Id of the baseline; None where the model is the reference.
     axis, measured_at : str or None
-        Of the run.
+        Name of the run's axis, and its time, ISO 8601.
     verdict : str
-        Of the axial stiffness, and of all that rests on it: good, suspect or refused.
+        Verdict on the axial stiffness: good, suspect or refused.
     reasons : tuple of str
         Why it is not good.
     nut_verdict : str
-        Of the nut's preload.
+        Verdict on the nut's preload, which depends on the stiffness and on the support bearing.
     nut_reasons : tuple of str
         Why it is not good: the reasons of the stiffness, and those of the nut alone.
     notes : tuple of str
@@ -71,24 +73,25 @@ class PreloadEstimate(PlottedResult):
     preload_N : Quantity or None
         P of the nut, N; None also where its interval has no upper end although that of the ratio has one.
     preload_ratio : Quantity or None
-        P/Ca.
+        P/Ca, the preload over the dynamic load rating.
     relative_to_baseline : Quantity or None
         P/P₀ of the nut, uncertain by the support bearing; None without a baseline, or where it has no upper
         end.
     relative_to_model : Quantity or None
         P of the nut over the model's reference preload.
     random_N, systematic_N : float or None
-        Parts of the standard uncertainty of P: errors that differ from run to run, and those that do not.
+        Parts of the standard uncertainty of P by errors that differ from run to run, and by those that do
+        not, N.
     random_ratio, systematic_ratio : float or None
         The same parts for the stiffness as P/P₀, or for P over the model's reference without a baseline.
     terms : tuple of UncertaintyPart
-        Terms of the uncertainty of that ratio, the largest first.
+        Contributions to the uncertainty of that ratio, the largest first.
     chi2, degrees, probability : float or None
-        Misfit of the cells, its expected value, and the probability of a misfit as large or larger.
+        χ² of the cells, its expected value, and the probability of a χ² as large or larger.
     causes : tuple of PossibleCause
-        Of the change of the frequencies, the most probable first.
+        Possible causes of the change of the frequencies, the most probable first.
     nut_or_bearing : NutOrBearing or None
-        Share of the two in a change of the stiffness.
+        Whether nut or support bearing has changed the stiffness.
     mass : MassCheck or None
         Check of the declared load by the equivalent masses of run and baseline.
     corrections : tuple of str
@@ -233,12 +236,13 @@ class PreloadEstimate(PlottedResult):
 
 
 def _json(part: MassCheck | PreloadProfile | NutOrBearing | None) -> dict[str, Any] | None:
-    """Object of the document, or null."""
+    """Object of the document; None, JSON's null, for a part without a result."""
     if part is None:
         return None
     return part.to_json()
 
 
+# Fields of PRELOAD.json, as :meth:`PreloadEstimate.to_json` writes them.
 _NUMBER, _NUMBER_OR_NULL = json_fields.number(), json_fields.number(optional=True)
 _TEXT, _TEXT_OR_NULL = json_fields.text(), json_fields.text(optional=True)
 _TEXTS = json_fields.listed(_TEXT)
@@ -247,15 +251,15 @@ _QUANTITY = json_fields.quantity()
 _PARTS = json_fields.record({"random": _NUMBER_OR_NULL, "systematic": _NUMBER_OR_NULL})
 
 
-def _named_quantity(key: str, name: json_fields.Field) -> json_fields.Field:
-    """A quantity and what it is of, in one object."""
-    of = json_fields.record({key: name})
-    return lambda row, where: (of(row, where)[key], _QUANTITY(row, where))
+def _labelled_quantity(key: str, label: json_fields.Field) -> json_fields.Field:
+    """Field of an object with a quantity and, under ``key``, its label; it is read as (label, quantity)."""
+    labels = json_fields.record({key: label})
+    return lambda row, where: (labels(row, where)[key], _QUANTITY(row, where))
 
 
 _PROFILE = json_fields.record(
     {
-        "stops": json_fields.listed(_named_quantity("position_m", _NUMBER)),
+        "stops": json_fields.listed(_labelled_quantity("position_m", _NUMBER)),
         "local": json_fields.record(
             {
                 "found": json_fields.flag,
@@ -266,7 +270,7 @@ _PROFILE = json_fields.record(
                 "limit": _NUMBER,
             }
         ),
-        "groups": json_fields.listed(_named_quantity("cells", _TEXT)),
+        "groups": json_fields.listed(_labelled_quantity("cells", _TEXT)),
         "text": _TEXT,
     }
 )
@@ -295,7 +299,7 @@ _CAUSE = json_fields.record(
 
 
 def _cause(value: Any, where: str) -> PossibleCause:
-    """A row of ``causes``."""
+    """Possible cause of a row of ``causes``."""
     row = _CAUSE(value, where)
     name, amount = row.pop("cause"), row.pop("amount")
     uncertainty = amount["standard_uncertainty"]
@@ -305,7 +309,7 @@ def _cause(value: Any, where: str) -> PossibleCause:
 
 
 def _mass(value: Any, where: str) -> MassCheck:
-    """The object ``mass``."""
+    """Mass check of the object ``mass``."""
     row = _MASS(value, where)
     return MassCheck(
         decision=row["decision"],
@@ -319,7 +323,7 @@ def _mass(value: Any, where: str) -> MassCheck:
 
 
 def _profile(value: Any, where: str) -> PreloadProfile:
-    """The object ``profile``."""
+    """Preload along the axis of the object ``profile``."""
     row = _PROFILE(value, where)
     stops, local = row["stops"], row["local"]
     return PreloadProfile(

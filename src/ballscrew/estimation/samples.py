@@ -32,10 +32,10 @@ from ballscrew.estimation.nut import NutEvidence, bearing_over_nut, nut_ratios
 from ballscrew.estimation.temperature import NO_CORRECTION, TemperatureCorrection
 
 SAMPLES = 10_000
-"""Enough for the ends of a 95 % interval to 1 % of its width."""
+"""Number of samples: they determine the ends of a 95 % interval to 1 % of its width."""
 
-_SEED = 20_241
-_SURPLUS = 4  # samples generated for each that is needed, where tolerances reject some
+_SEED = 20_241  # of the random numbers: every estimate has the same
+_SURPLUS = 4  # samples generated for each that is used, where tolerances exclude some
 _BEARING = 0.15  # relative uncertainty of the bearing's share: manufacturers state its rigidity to ± 30 %
 _GOLDEN = (math.sqrt(5) - 1) / 2  # its multiples spread the conventions evenly over the order of the samples
 _MOST_RATIO = 1e3  # of P₀/P_ref, and of its inverse, in a sample: no axis lies beyond, and u would overflow
@@ -52,12 +52,12 @@ R_nu,ar or as of a nut with clearance, 10 and 9 % of the good intervals miss wit
 _SHARE = PARAMETERS.index("share")
 _PRELOAD = PARAMETERS.index("preload")
 _SIZE = len(PARAMETERS)
-# Columns of the standard-normal samples: errors of the run's u, of the nut's share by the lumped model, of
+# Columns of the standard-normal numbers: errors of the run's u, of the nut's share by the lumped model, of
 # the temperature's slope, and of a P₀/P_ref that is estimated by the model. One column for each tolerance
 # follows.
 _OWN, _SHARE_ERROR, _TEMPERATURE, _BASELINE = range(4)
 _COLUMNS = 4
-# Of the nut alone: the bearing's change, the softening under load, and the bearing's share.
+# Columns of those for the nut alone: the bearing's change, the softening under load, and the bearing's share.
 _DRIFT, _SOFTENING, _BEARING_SHARE = range(3)
 
 
@@ -86,20 +86,24 @@ class PosteriorSamples:
     def __init__(self, model: CalibratedAxis, base: FrequencyTable | None, assumptions: Assumptions) -> None:
         self._model, self._base, self._assumptions = model, base, assumptions
         deviations, self._normal, convention = _calibration_samples(model)
-        parts = [convention == number for number in np.unique(convention)]
-        self._conventions = [its for its in parts if its.mean() >= _PROBABLE]
-        self._of_nut = _standard_normal(_SEED + 1, SAMPLES, 3)
-        self._vector, ratios = deviations[:, :_SIZE], deviations[:, _SIZE:]
+        # Samples of each convention of K that is probable enough, as masks.
+        masks = [convention == number for number in np.unique(convention)]
+        self._conventions = [mask for mask in masks if mask.mean() >= _PROBABLE]
+        self._nut_normal = _standard_normal(_SEED + 1, SAMPLES, 3)
+        # Samples of the working vector and of each group's ln(P/P_ref), both less the calibration's; of the
+        # nut's share; and of P_ref, N.
+        self._vector, log_ratios = deviations[:, :_SIZE], deviations[:, _SIZE:]
         self._share = 1 / (1 + np.exp(-(model.vector[_SHARE] + self._vector[:, _SHARE])))
-        self._force = model.model.preload * np.exp(self._vector[:, _PRELOAD])
+        self._reference_preloads = model.model.preload * np.exp(self._vector[:, _PRELOAD])
         group = None if base is None else model.group_of(base.id)
+        # The change of a baseline that was not calibrated, against the model.
         self._base_by_model: tuple[ComplianceChange, FusedChange] | None = None
         self.has_known_baseline = base is None or group is not None
         if base is None:
             self.reference_ratio, self._reference_ratios = 1.0, np.ones(len(deviations))
         elif group is not None:
             self.reference_ratio = math.exp(model.log_ratios[group])
-            self._reference_ratios = self.reference_ratio * np.exp(ratios[:, group])
+            self._reference_ratios = self.reference_ratio * np.exp(log_ratios[:, group])
         else:
             self.reference_ratio, self._reference_ratios = self._reference_ratio_by_model(base)
 
@@ -126,8 +130,9 @@ class PosteriorSamples:
             Of nut and support bearing.
         by_model : tuple of ComplianceChange and FusedChange, optional
             Of the run against the model, where the calibration did not contain the baseline. The preload in
-            newtons is then that of the run against the model: errors of the baseline do not affect it. Where
-            the softening separates nut and bearing, it is that of the baseline times the nut's P/P₀.
+            newtons is then estimated from it, so that errors of the baseline do not affect it; where the
+            nut's softening separates nut and bearing, it is the baseline's preload by the model times the
+            nut's P/P₀.
 
         Returns
         -------
@@ -136,33 +141,28 @@ class PosteriorSamples:
         """
         if not fused.u > 0:
             return None
+        # P over its reference by the axial stiffness.
         ratios = self._ratios(change, fused, self._reference_ratios, fused.spread, temperature)
         best = fused.u**-3 * math.exp(-temperature.shift)
         stiffness = quantity_from_samples(best, ratios, parts=self._conventions)
         if stiffness is None:
             return None
-        nut_best, nut = self._nut(best, ratios, change, fused, evidence, temperature)
-        # P/P_ref, its samples, and the random part of the standard uncertainty of ln P.
-        model_ratio, model_ratios = nut_best * self.reference_ratio, nut * self._reference_ratios
-        random_part = fused.log_preload_spread(fused.random)
-        if by_model is not None:
-            if evidence.log_ratio is None or self._base_by_model is None:
-                model_ratio, model_ratios = self._against_model(*by_model, temperature, evidence)
-                random_part = by_model[1].log_preload_spread(by_model[1].random)
-            else:
-                model_ratio, model_ratios = self._against_model(*self._base_by_model, NO_CORRECTION, evidence)
-                model_ratio, model_ratios = nut_best * model_ratio, nut * model_ratios
+        nut_best, nut_samples = self._nut(best, ratios, change, fused, evidence, temperature)
+        model_ratio, model_ratios, random_part = self._relative_to_model(
+            nut_best, nut_samples, fused, temperature, evidence, by_model
+        )
         to_model = force = None
         if model_ratio > 0:
             to_model = quantity_from_samples(model_ratio, model_ratios)
         if to_model is not None:
-            reference = self._model.model.preload
-            force = quantity_from_samples(model_ratio * reference, model_ratios * self._force, "N")
+            preload = model_ratio * self._model.model.preload
+            force = quantity_from_samples(preload, model_ratios * self._reference_preloads, "N")
         to_baseline, relative = None, to_model
         if self._base is not None:
-            to_baseline, relative = quantity_from_samples(nut_best, nut), stiffness
+            to_baseline, relative = quantity_from_samples(nut_best, nut_samples), stiffness
         if relative is None:
             return None
+        # The random parts are linear approximations, so they are limited to the whole.
         random_ratio = min(3 * best / fused.u * fused.random, relative.standard_uncertainty)
         preload_ratio = random_force = systematic_force = None
         if force is not None:
@@ -192,27 +192,50 @@ class PosteriorSamples:
         evidence: NutEvidence,
         temperature: TemperatureCorrection,
     ) -> tuple[float, Array]:
-        """P/P₀ of the nut and its samples, from those of the stiffness."""
-        # The compliance that is not the nut's is shared out as in the data sheet.
+        """P/P₀ of the nut and its samples, shape (n,), from those of the stiffness."""
+        # The bearing has the same part of the compliance that is not the nut's as in the data sheet.
         others = (1 - self._share) / (1 - self._model.model.share)
         nut_share = self._share / self._model.model.share
-        uncertain = 1 + _BEARING * self._of_nut[:, _BEARING_SHARE]
-        bearing = bearing_over_nut(change, fused) * others / nut_share * np.maximum(uncertain, 0.0)
-        normal = self._of_nut[:, [_DRIFT, _SOFTENING]]
-        nut, weight = nut_ratios(ratios, bearing, evidence, normal, temperature.shift)
+        bearing_factor = 1 + _BEARING * self._nut_normal[:, _BEARING_SHARE]
+        bearing = bearing_over_nut(change, fused) * others / nut_share * np.maximum(bearing_factor, 0.0)
+        normal = self._nut_normal[:, [_DRIFT, _SOFTENING]]
+        samples, weight = nut_ratios(ratios, bearing, evidence, normal, temperature.shift)
         u = best ** (-1 / 3)
         if evidence.log_ratio is not None:
-            u += weight * (math.exp((temperature.shift - evidence.log_ratio) / 3) - u)
-        return u**-3, nut
+            u_by_softening = math.exp((temperature.shift - evidence.log_ratio) / 3)
+            u += weight * (u_by_softening - u)
+        return u**-3, samples
+
+    def _relative_to_model(
+        self,
+        nut_best: float,
+        nut_samples: Array,
+        fused: FusedChange,
+        temperature: TemperatureCorrection,
+        evidence: NutEvidence,
+        by_model: tuple[ComplianceChange, FusedChange] | None,
+    ) -> tuple[float, Array, float]:
+        """P/P_ref of the nut, its samples, shape (n,), and the random part of the uncertainty of ln P.
+
+        ``nut_best`` and ``nut_samples`` are the nut's P/P₀; the others are as for :meth:`estimate`.
+        """
+        random_part = fused.log_preload_spread(fused.random)
+        if by_model is None:
+            return nut_best * self.reference_ratio, nut_samples * self._reference_ratios, random_part
+        if evidence.log_ratio is None or self._base_by_model is None:
+            ratio, ratios = self._against_model(*by_model, temperature, evidence)
+            return ratio, ratios, by_model[1].log_preload_spread(by_model[1].random)
+        ratio, ratios = self._against_model(*self._base_by_model, NO_CORRECTION, evidence)
+        return nut_best * ratio, nut_samples * ratios, random_part
 
     def _reference_ratio_by_model(self, base: FrequencyTable) -> tuple[float, Array]:
-        """P₀/P_ref of a baseline that the calibration did not contain, and its samples."""
+        """P₀/P_ref of a baseline that the calibration did not contain, and its samples, shape (n,)."""
         model = self._model
         change = change_from_model(base, model.model, model.bearing_share, self._assumptions)
         fused = fuse(change, model.covariance)
         self._base_by_model = change, fused
         noise = self._normal[:, _BASELINE] * fused.spread
-        # The share's own error counts once, in the change since the baseline.
+        # The error of the share by the lumped model counts once, in the change since the baseline.
         u = self._u_samples(change, fused, np.ones(len(noise)), noise, share_error=0.0)
         ratio = math.nan
         if fused.u > 0:
@@ -227,13 +250,18 @@ class PosteriorSamples:
         noise: Array,
         share_error: float,
     ) -> Array:
-        """Samples of u = (P/P₀)^(−1/3), for samples of P₀/P_ref and of the error of u."""
+        """Samples of u = (P/P₀)^(−1/3), shape (n,).
+
+        ``reference_ratios`` are samples of P₀/P_ref and ``noise`` of the error of u, both of shape (n,);
+        ``share_error`` is the relative standard uncertainty of the nut's share by the lumped model.
+        """
         model = self._model.model
         from_centre = change.position - model.centre
         u0 = np.cbrt(1 / np.clip(reference_ratios, 1 / _MOST_RATIO, _MOST_RATIO))[:, None]
         share = (self._share * (1 + share_error * self._normal[:, _SHARE_ERROR]))[:, None]
         compliance = 1 + model.slope * from_centre + model.curve * from_centre**2 + share * (u0 - 1)
-        nut = (share * u0 / compliance) @ fused.weights  # 1 for the share with which the cells were fused
+        # Weighted mean of the nut's share of the compliance, over that with which the cells were fused.
+        nut = (share * u0 / compliance) @ fused.weights
         return np.asarray(1 + (fused.level + noise + self._vector @ fused.by_parameters) / nut)
 
     def _ratios(
@@ -244,13 +272,17 @@ class PosteriorSamples:
         spread: float,
         temperature: TemperatureCorrection,
     ) -> Array:
-        """Samples of P/P₀, corrected to the temperature of the reference."""
+        """Samples of P/P₀, shape (n,), corrected to the temperature of the reference.
+
+        ``reference_ratios`` are samples of P₀/P_ref, shape (n,); ``spread`` is the standard uncertainty of u.
+        """
         own = self._normal[:, _OWN]
         u = self._u_samples(change, fused, reference_ratios, spread * own, self._assumptions.share)
-        log_error = np.zeros_like(own)
+        log_error = np.zeros_like(own)  # of the temperature's shift of ln P
         if temperature.spread:
             own_spread = fused.log_preload_spread(spread)
-            # The slope was fitted against the same baseline, so the correction contains its error too.
+            # The slope was fitted against the same baseline, so the correction contains its error too. Both
+            # ln(P/P₀) and −shift fall where these errors are positive: their signs cancel in the correlation.
             correlation = 0.0
             if own_spread:
                 correlation = float(np.clip(temperature.shared / (own_spread * temperature.spread), -1, 1))
@@ -265,7 +297,7 @@ class PosteriorSamples:
         temperature: TemperatureCorrection,
         evidence: NutEvidence,
     ) -> tuple[float, Array]:
-        """P/P_ref of the nut against the model, and its samples."""
+        """P/P_ref of the nut by a change against the model, and its samples, shape (n,)."""
         at_reference = np.ones(len(self._reference_ratios))
         independent = replace(temperature, shared=0.0)  # the model contains no error of the baseline
         ratios = self._ratios(change, fused, at_reference, fused.spread, independent)
@@ -298,23 +330,26 @@ class PosteriorSamples:
 
 
 def share_uncertainty(model: CalibratedAxis, assumptions: Assumptions) -> float:
-    """Relative standard uncertainty of the nut's share: of calibration, conventions of K and lumped model."""
+    """Relative standard uncertainty of the nut's share: by calibration, conventions of K and lumped model."""
     probability = np.array([other.probability for other in model.conventions])
     change = np.array([other.change[_SHARE] for other in model.conventions])
+    # Variance of the logit over all conventions; the stated one, which is not among them, has a change of 0.
     by_convention = math.sqrt(max(float(probability @ change**2 - (probability @ change) ** 2), 0.0))
-    logit = math.hypot(model.standard_uncertainty("share"), by_convention)
-    return math.hypot((1 - model.model.share) * logit, assumptions.share)
+    logit_spread = math.hypot(model.standard_uncertainty("share"), by_convention)
+    return math.hypot((1 - model.model.share) * logit_spread, assumptions.share)  # d ln s = (1 − s) d logit s
 
 
 def normal_samples(covariance: Array, others: int, count: int = SAMPLES) -> tuple[Array, Array]:
-    """Samples of a normal distribution, and independent standard-normal numbers; the same in every call.
+    """Samples of a normal distribution, and standard-normal numbers independent of them.
+
+    They are the same in every call.
 
     Parameters
     ----------
     covariance : ndarray, shape (m, m)
         Positive semi-definite.
     others : int
-        Number of columns of standard-normal numbers.
+        Number of columns of standard-normal numbers in addition.
     count : int
         Number of samples, even.
 
@@ -327,12 +362,12 @@ def normal_samples(covariance: Array, others: int, count: int = SAMPLES) -> tupl
     """
     numbers = _standard_normal(_SEED, count, len(covariance) + others)
     size, axes = np.linalg.eigh((covariance + covariance.T) / 2)
-    root = axes * np.sqrt(np.clip(size, 0.0, None))
+    root = axes * np.sqrt(np.clip(size, 0.0, None))  # the covariance is root @ root.T
     return numbers[:, : len(covariance)] @ root.T, numbers[:, len(covariance) :]
 
 
 def _standard_normal(seed: int, count: int, columns: int) -> Array:
-    """Standard-normal numbers, shape (count, columns); antithetic, so that their means are exact."""
+    """Standard-normal numbers, shape (count, columns); antithetic, so that their means are exactly 0."""
     half = np.random.default_rng(seed).standard_normal((count // 2, columns))
     return np.concatenate([half, -half])
 
@@ -346,25 +381,25 @@ def quantity_from_samples(
     ----------
     value : float
         Best estimate.
-    samples : ndarray
-        Infinite where nothing bounds the quantity.
+    samples : ndarray, shape (n,)
+        Of the quantity; infinite where nothing bounds it.
     unit : str
         Of the quantity.
     parts : sequence of ndarray of bool, shape (n,)
-        Samples whose own intervals are parts of the interval.
+        Masks of samples; the interval is extended so that it contains the 95 % interval of each mask.
 
     Returns
     -------
     Quantity or None
-        None where the 95 % interval, between the 2.5 % and 97.5 % quantiles, has no upper end. The standard
+        None where the 95 % interval, from the 2.5 % to the 97.5 % quantile, has no upper end. The standard
         uncertainty is the standard deviation, with samples outside the 0.5 % and 99.5 % quantiles moved to
         these; where the upper one is infinite, half of the distance between the quantiles at one standard
         deviation.
     """
-    quantiles = [0.005, 0.15866, 0.84134, 0.995]
+    quantiles = [0.005, 0.15866, 0.84134, 0.995]  # the inner two at ± 1 standard deviation
     lowest, below, above, highest = np.quantile(samples, quantiles, method="nearest")
-    whole_and_parts = [samples, *(samples[its] for its in parts)]
-    ends = [np.quantile(some, [0.025, 0.975], method="nearest") for some in whole_and_parts]
+    whole_and_parts = [samples, *(samples[mask] for mask in parts)]
+    ends = [np.quantile(values, [0.025, 0.975], method="nearest") for values in whole_and_parts]
     low, high = np.min(ends), np.max(ends)
     if not np.isfinite([value, low, below, above, high]).all():
         return None
@@ -375,12 +410,13 @@ def quantity_from_samples(
 
 
 def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array, NDArray[np.intp]]:
-    """Deviations of the working vector and of ln P₀/P_ref of each group of runs, and standard-normal numbers.
+    """Samples of the calibration's posterior, standard-normal numbers, and the convention of each sample.
 
-    The deviations have shape (n, 7 + groups); samples that the tolerances of the data sheet exclude are
-    replaced. Each other convention of the data sheet's K has samples in proportion to its probability: its
-    change is added, and estimates of the sheet's values are those under it. The third array numbers the
-    convention of each sample.
+    The samples are deviations of the working vector and of ln(P/P_ref) of each group of runs from the most
+    probable values, shape (n, 7 + groups); those that the tolerances of the data sheet exclude are replaced.
+    Each other convention of the sheet's K has samples in proportion to its probability: its change is added,
+    and its estimates of the sheet's numbers replace those of the stated convention. The convention is the
+    index in ``model.conventions``, shape (n,), and their number for the stated one.
     """
     covariance = np.block(
         [[model.covariance, model.cross_covariance], [model.cross_covariance.T, model.log_ratio_covariance]]
@@ -391,19 +427,20 @@ def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array, NDArray[n
     deviations, normal = normal_samples(covariance, _COLUMNS + len(model.tolerances), count)
     place = np.arange(SAMPLES) * _GOLDEN % 1  # evenly spread over the samples
     ends = np.cumsum([other.probability for other in model.conventions])
-    which = np.searchsorted(ends, place, side="right")  # the last is the stated convention
+    convention = np.searchsorted(ends, place, side="right")
     chosen = np.empty(SAMPLES, dtype=np.intp)
     change = np.zeros((SAMPLES, deviations.shape[1]))
-    for number, other in enumerate([*model.conventions, None]):
-        its, tolerances = which == number, model.tolerances
+    for number, other in enumerate([*model.conventions, None]):  # None is the stated convention
+        mask, tolerances = convention == number, model.tolerances
         if other is not None:
-            change[its] = other.change
+            change[mask] = other.change
             pairs = zip(tolerances, other.estimates.tolist(), strict=True)
             tolerances = tuple(replace(row, estimate=estimate) for row, estimate in pairs)
-        chosen[its] = resample_within_tolerances(
+        rows = resample_within_tolerances(
             tolerances, model.prior_covariance, deviations[:, :_SIZE], normal[:, _COLUMNS:], SAMPLES
-        )[its]
-    return deviations[chosen] + change, normal[chosen], which
+        )
+        chosen[mask] = rows[mask]
+    return deviations[chosen] + change, normal[chosen], convention
 
 
 def _preload_ratios(u: Array) -> Array:
@@ -412,12 +449,12 @@ def _preload_ratios(u: Array) -> Array:
 
 
 def _remaining(whole: float, part: float) -> float:
-    """Standard uncertainty ``whole`` without its independent ``part``."""
+    """Standard uncertainty ``whole`` less the contribution ``part``, which is independent of the rest."""
     return math.sqrt(max(whole**2 - part**2, 0.0))
 
 
 def _divided(quantity: Quantity, divisor: float) -> Quantity:
-    """A quantity over an exactly known one of the same unit."""
+    """A quantity divided by an exactly known value of the same unit."""
     low, high = quantity.interval
     spread = quantity.standard_uncertainty / divisor
     return Quantity(quantity.value / divisor, spread, "", (low / divisor, high / divisor))
