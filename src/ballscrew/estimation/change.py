@@ -13,7 +13,7 @@ import numpy as np
 from ballscrew.base.arrays import Array
 
 DECLARED_LOAD, POSITION = "declared load", "position"
-"""Names of two error terms, as printed: those that are causes too."""
+"""Names of two error terms, as printed, that are also compared as causes of a change."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +27,7 @@ class ErrorTerm:
     random : bool
         Whether it differs from run to run.
     effects : ndarray, shape (k, n)
-        Effects of k independent standard-normal causes on Y of n cells.
+        Effects of k independent standard-normal errors on Y of n cells.
     """
 
     name: str
@@ -46,13 +46,13 @@ class ComplianceChange:
     condition : tuple of str
         PA, PD, NA or ND of each cell.
     motion : tuple of int
-        Of each cell.
+        Number of each cell's motion in the plan.
     y : ndarray, shape (n,)
         Y.
     nut : ndarray, shape (n,)
-        s(x) = dY/du, the nut's share of the compliance.
+        s(x) = dY/du, the nut's share of the compliance in the state of the reference.
     bearing : ndarray, shape (n,)
-        The thrust bearing's share of the compliance.
+        The thrust bearing's share of the same.
     slope : ndarray, shape (n,)
         d ln C/dx, 1/m.
     by_load : ndarray, shape (n,)
@@ -64,12 +64,12 @@ class ComplianceChange:
     terms : tuple of ErrorTerm
         Every error of Y except that of the nut's share.
     floor : ndarray, shape (n,)
-        Standard deviation by which any model deviates from Y in each cell.
+        Standard deviation of Y in each cell by which every model deviates from it.
     by_parameters : ndarray, shape (7, n), or None
         Derivatives of Y by the model's working vector (:func:`ballscrew.axis.axial.to_vector`), where f₀ is
         the model's frequency.
     own : ndarray, shape (n,), or None
-        Standard deviation of Y by errors that each cell has alone; they are also in the terms.
+        Standard deviation of Y by the errors of each cell that no other cell shares; the terms contain them.
     """
 
     position: Array

@@ -29,9 +29,10 @@ from ballscrew.estimation.change import DECLARED_LOAD, POSITION, ComplianceChang
 BASELINE = "noise of the baseline"
 BASELINE_PART = "the baseline's part"
 WORN_NUT = "load on a worn nut"
-"""Names of error terms, as printed."""
+"""Names of error terms, as printed; the baseline's part is of the errors that repeat."""
 
-# Effects on the cells of each error that repeats, by its name and its number among those of that name.
+# Effects on Y of the cells by each error that repeats; keys are its name and its number among those of that
+# name.
 _Repeating = dict[tuple[str, int], Array]
 
 
@@ -88,13 +89,15 @@ def change_since(
             "change requires the same stops, conditions and motions."
         )
     f, f0 = run.frequency[rows], baseline.frequency[baseline_rows]
+    # f is too low by the loss; (f₀/f)² has grown by the load as well as by the compliance.
     loss, loss_spread = frequency_loss_under_load(baseline, baseline_rows, ratio, assumptions)
     by_load_change = _squared_frequency_ratio(model, baseline.load, load_change)
     y = (f0 / (f * (1 + loss))) ** 2 / by_load_change - 1
-    slope = 2 * (1 + y)  # |dY/d ln f|
-    own, baseline_own = slope / f * run.own[rows], slope / f0 * baseline.own[baseline_rows]
-    random, repeating = _split_effects(run, rows, slope / f)
-    baseline_random, baseline_repeating = _split_effects(baseline, baseline_rows, slope / f0)
+    per_log_frequency = 2 * (1 + y)  # |dY/d ln f|
+    per_hertz, baseline_per_hertz = per_log_frequency / f, per_log_frequency / f0
+    own, baseline_own = per_hertz * run.own[rows], baseline_per_hertz * baseline.own[baseline_rows]
+    random, repeating = _split_effects(run, rows, per_hertz)
+    baseline_random, baseline_repeating = _split_effects(baseline, baseline_rows, baseline_per_hertz)
     terms = [
         ErrorTerm("noise of this run", True, np.vstack([random, np.diag(own)])),
         ErrorTerm(BASELINE, False, np.vstack([baseline_random, np.diag(baseline_own)])),
@@ -103,9 +106,10 @@ def change_since(
     if covariance is not None and load_change != 0:
         spread = _mass_uncertainty(model, covariance, baseline.load, load_change)
         terms.append(ErrorTerm("mass of the model", False, ((1 + y) * spread)[None]))
-    terms.append(ErrorTerm(WORN_NUT, False, (slope * loss_spread)[None]))
+    terms.append(ErrorTerm(WORN_NUT, False, (per_log_frequency * loss_spread)[None]))
     reference = _Reference(model, bearing_share, reference_ratio, baseline.load + load_change)
-    declared_load = math.hypot(run.load, load_change)  # its error, and that of its change, are independent
+    # The load and its change have independent errors, both in proportion.
+    declared_load = math.hypot(run.load, load_change)
     return _change(
         reference, run, rows, y, terms, assumptions,
         own=np.hypot(own, baseline_own), declared_load=declared_load,
@@ -143,19 +147,20 @@ def change_from_model(
     f = run.frequency
     loss, loss_spread = frequency_loss_under_load(run, rows, ratio, assumptions)
     y = (frequency(model, run.position, run.load) / (f * (1 + loss))) ** 2 - 1
-    slope = 2 * (1 + y)  # |dY/d ln f|
-    own = slope / f * run.own
-    random, by_name = _split_effects(run, rows, slope / f)
+    per_log_frequency = 2 * (1 + y)  # |dY/d ln f|
+    per_hertz = per_log_frequency / f
+    own = per_hertz * run.own
+    random, by_name = _split_effects(run, rows, per_hertz)
     repeating = np.array(list(by_name.values())).reshape(-1, len(rows))
     terms = [
         ErrorTerm("noise of this run", True, np.vstack([random, np.diag(own)])),
         ErrorTerm("errors that repeat", False, repeating),
-        ErrorTerm(WORN_NUT, False, (slope * loss_spread)[None]),
+        ErrorTerm(WORN_NUT, False, (per_log_frequency * loss_spread)[None]),
     ]
     gradients = gradient(model, run.position, run.load)[:, : len(PARAMETERS)]
     return _change(
         _Reference(model, bearing_share, 1.0, run.load), run, rows, y, terms, assumptions,
-        own=own, declared_load=run.load, by_parameters=slope * gradients.T,
+        own=own, declared_load=run.load, by_parameters=per_log_frequency * gradients.T,
     )  # fmt: skip
 
 
@@ -171,27 +176,27 @@ def load_sensitivity(model: AxialModel, load: float) -> float:
 def _split_effects(run: FrequencyTable, rows: list[int], scale: Array) -> tuple[Array, _Repeating]:
     """Effects of a run's shared errors on Y, split into random and repeating ones.
 
-    As :func:`ballscrew.calibration.covariance.joint_covariance` does, except for the load on the nut. A run
-    lists that effect among the random errors, since the wear of the nut is unknown when the frequency is
-    estimated. Here the wear is estimated, and
-    :func:`~ballscrew.calibration.worn_nut.frequency_loss_under_load` corrects the effect; the rest of it
-    repeats.
+    They are those of :func:`ballscrew.calibration.covariance.joint_covariance`, except for the load on the
+    nut. A run lists the error by this load as random, since the wear of the nut is unknown when the frequency
+    is estimated. Here the wear is estimated, and
+    :func:`~ballscrew.calibration.worn_nut.frequency_loss_under_load` corrects for it; what remains of the
+    error repeats.
 
     Parameters
     ----------
     run : FrequencyTable
         The run.
     rows : list of int
-        Rows of the cells in it.
+        Rows of the run that are compared.
     scale : ndarray, shape (rows,)
-        Change of Y per Hz of each cell.
+        |dY/df| of each cell, 1/Hz.
 
     Returns
     -------
     random : ndarray, shape (k, rows)
-        Effects of k errors that differ from run to run.
+        Effects on Y of k errors that differ from run to run.
     repeating : dict of (str, int) to ndarray, shape (rows,)
-        Effects of errors that repeat.
+        Effects on Y of each error that repeats.
     """
     run = with_repeating_load(run)
     repeating = {key: effects[rows] * scale for key, effects in repeating_effects(run).items()}
@@ -211,7 +216,7 @@ def _repeating_terms(
     effects, baseline_effects : dict
         Repeating effects of the run and of the baseline.
     correlation : float
-        Of such an error from run to run.
+        Correlation of a repeating error from run to run.
     count : int
         Number of cells.
 
@@ -239,7 +244,7 @@ def _repeating_terms(
 
 @dataclass(frozen=True, slots=True)
 class _Reference:
-    """State that a change refers to: the model, its bearing's share, P₀/P_ref and the load, kg."""
+    """State that a change refers to: model, bearing's share at its centre, P₀/P_ref, and load, kg."""
 
     model: AxialModel
     bearing_share: float
@@ -259,7 +264,11 @@ def _change(
     declared_load: float,
     by_parameters: Array | None = None,
 ) -> ComplianceChange:
-    """The change with its shares of the compliance, and with the error terms of the assumptions."""
+    """The change ``y`` of the cells ``rows``, with their shares of the compliance and all error terms.
+
+    ``terms`` are those of the runs, to which those of the assumptions are added; ``declared_load`` is the
+    load whose relative error is assumed, kg. The rest are fields of :class:`ComplianceChange`.
+    """
     model, x = reference.model, run.position[rows]
     # Compliance in the state of the reference, over the model's at its centre and P_ref.
     from_centre, u0 = x - model.centre, reference.ratio ** (-1 / 3)
@@ -269,8 +278,9 @@ def _change(
     by_load = load_sensitivity(model, reference.load) * (1 + y)
     per_log_frequency = 2 * (1 + y)  # |dY/d ln f|
     z = _centred(x)
-    tilt = assumptions.tilt * y * z
-    # Level and tilt of a model are fitted; the errors of its form are the next two Legendre polynomials.
+    tilt = assumptions.tilt * y * z  # a part of the change
+    # Level and tilt of a model are fitted; the errors of its form are the next two Legendre polynomials, and
+    # parts of the frequency.
     quadratic, cubic = 1.5 * z**2 - 0.5, 2.5 * z**3 - 1.5 * z
     form = per_log_frequency * (assumptions.form * np.stack([quadratic, cubic]))
     return ComplianceChange(
@@ -297,7 +307,7 @@ def _change(
 
 
 def _squared_frequency_ratio(model: AxialModel, load: float, added: float) -> float:
-    """(f₀/f)² of an additional load ``added``, kg, at the same compliance."""
+    """(f₀/f)² of the frequencies at ``load`` and at ``load + added``, kg, with the same compliance."""
     before, after = model.mass + load, model.mass + load + added
     if not after > 0:
         raise InputError(f"a load {added:+.3g} kg from the baseline's {load:.3g} kg leaves no mass.")
@@ -305,18 +315,19 @@ def _squared_frequency_ratio(model: AxialModel, load: float, added: float) -> fl
 
 
 def _mass_uncertainty(model: AxialModel, covariance: Array, load: float, added: float) -> float:
-    """Standard uncertainty of ln (f₀/f)² by the model's masses, for an additional load."""
-    free = 1 / model.rotor
-    inverse = np.array([1 / (model.mass + load), 1 / (model.mass + load + added)])
-    by_mass = -model.mass * inverse**2 / (inverse + free)
-    by_rotor = -free / (inverse + free)
-    slope = np.array([by_mass[0] - by_mass[1], by_rotor[0] - by_rotor[1]])
+    """Standard uncertainty of the logarithm of :func:`_squared_frequency_ratio` by the model's masses."""
+    inverse_rotor = 1 / model.rotor
+    inverse_moving = np.array([1 / (model.mass + load), 1 / (model.mass + load + added)])
+    # Derivatives of ln f² at the two loads by the logarithms of mass and rotor.
+    by_mass = -model.mass * inverse_moving**2 / (inverse_moving + inverse_rotor)
+    by_rotor = -inverse_rotor / (inverse_moving + inverse_rotor)
+    gradients = np.array([by_mass[0] - by_mass[1], by_rotor[0] - by_rotor[1]])
     at = [PARAMETERS.index("mass"), PARAMETERS.index("rotor")]
-    return math.sqrt(max(float(slope @ covariance[np.ix_(at, at)] @ slope), 0.0))
+    return math.sqrt(max(float(gradients @ covariance[np.ix_(at, at)] @ gradients), 0.0))
 
 
 def _centred(x: Array) -> Array:
-    """Position from −1 to 1 over the stops; zeros for one stop."""
+    """Position, linear from −1 at the first stop to 1 at the last; zeros for one stop."""
     half_travel = float(np.ptp(x)) / 2
     if not half_travel > 0:
         return np.zeros_like(x)

@@ -33,20 +33,21 @@ def frequency_changes(run: Run, other: Run) -> dict[CellKey, Quantity]:
     InputError
         If a run has no load.
     """
-    tables = [with_repeating_load(frequency_table(each)) for each in (run, other)]
-    rows, other_rows = paired_cells(*tables)
+    # The error by the load on the nut is taken as one that repeats, as it does at one preload.
+    table, other_table = (with_repeating_load(frequency_table(each)) for each in (run, other))
+    rows, other_rows = paired_cells(table, other_table)
     if not rows:
         return {}
     correlation = 0.0
     if run.axis is not None and run.axis == other.axis:
         correlation = REPEATS
-    covariance = joint_covariance(tables, correlation)
-    shifted = np.array(other_rows) + len(tables[0].frequency)
-    variance = covariance[rows, rows] + covariance[shifted, shifted] - 2 * covariance[rows, shifted]
+    covariance = joint_covariance([table, other_table], correlation)
+    after = np.array(other_rows) + len(table.frequency)  # rows of the other run's cells in the covariance
+    variance = covariance[rows, rows] + covariance[after, after] - 2 * covariance[rows, after]
     spread = np.sqrt(np.maximum(variance, 0.0))
     changes = {}
     for row, other_row, uncertainty in zip(rows, other_rows, spread.tolist(), strict=True):
-        value = float(tables[0].frequency[row] - tables[1].frequency[other_row])
-        key = CellKey(float(tables[0].position[row]), tables[0].condition[row], tables[0].motion[row])
+        value = float(table.frequency[row] - other_table.frequency[other_row])
+        key = CellKey(float(table.position[row]), table.condition[row], table.motion[row])
         changes[key] = Quantity(value, uncertainty, "Hz")
     return changes

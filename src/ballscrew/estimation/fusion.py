@@ -1,8 +1,9 @@
-"""All cells fused to one change of the nut: generalised least squares, and its misfit.
+"""All cells fused to one change of the nut: linear least squares, and its misfit.
 
 The unknown is u = (P/P₀)^(−1/3). The change Y of the compliance is linear in it (Eq. (3) of Han, Miller,
-Vogl, Chen and Jia, 2024), so linear least squares with the covariance of Y is exact (Aitken, 1936). P/P₀ =
-u⁻³ is not linear: its interval is computed from samples, see :mod:`ballscrew.estimation.samples`.
+Vogl, Chen and Jia, 2024), so the estimate of u is a weighted sum of Y over the cells, and its uncertainty
+follows from the covariance of Y. P/P₀ = u⁻³ is not linear: its interval is computed from samples, see
+:mod:`ballscrew.estimation.samples`.
 """
 
 from __future__ import annotations
@@ -22,23 +23,24 @@ FLOOR = "floor of every model"
 """Name of the error term of ``ComplianceChange.floor``, as printed."""
 
 _NO_VARIANCE = 1e-9  # expected χ² below which the residuals have no degree of freedom
-_SAME_COLUMN = 1e-9  # of the largest singular value: with less a fitted column is a multiple of others
-_LEAST_U = 0.1  # u in a logarithm is at least this, as of a thousand times the preload
-_REWEIGHTINGS = 8  # of the cells, each by their deviations from the fit before
+_SAME_COLUMN = 1e-9  # of the largest singular value: with less a fitted column is a combination of others
+_LEAST_U = 0.1  # least u in a logarithm or a divisor, that of a thousand times the preload
+_REWEIGHTINGS = 8  # fits of the cells, each weighted by the deviations from the fit before it
 _HUBER = 2.5  # standard deviations from the fit beyond which a cell loses weight
 
-# Secant method for P/P₀.
+# Secant method for P/P₀, in which the error is the resulting P/P₀ less the one that was corrected for.
 _RATIO_STEPS = 11
-_RATIO_TOLERANCE = 1e-3  # changes the correction for the load on the nut by a hundredth of that
-# Slope of the error assumed first: -1 if the correction did not depend on P; -2 takes half of that step.
+_RATIO_TOLERANCE = 1e-3  # of P/P₀; the correction for the load on the nut changes by a hundredth of it
+# Slope of the error by P/P₀ in the first step: -1 if the correction does not depend on P/P₀; -2 halves the
+# step.
 _FIRST_SLOPE = -2.0
 _FLATTEST_SLOPE = -0.5  # nearer to 0 the step would exceed twice the error
-_RATIO_LIMITS = (0.1, 10.0)
+_RATIO_LIMITS = (0.1, 10.0)  # of P/P₀
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FusedChange:
-    """One change of the nut, fused from n cells.
+    """The change of the nut that is common to n cells.
 
     Parameters
     ----------
@@ -47,7 +49,7 @@ class FusedChange:
     weights : ndarray, shape (n,)
         Of the cells: level = weights · Y.
     terms : mapping of str to (float, bool)
-        Standard uncertainty of u by each term, and whether it differs from run to run.
+        Standard uncertainty of u by each error term, and whether the error differs from run to run.
     by_parameters : ndarray, shape (7,)
         Derivatives of u by the model's working vector, where the reference is the model; zeros where it is a
         run.
@@ -79,22 +81,22 @@ class FusedChange:
         return -3 * math.log(max(self.u, _LEAST_U))
 
     def log_preload_spread(self, spread: float) -> float:
-        """Standard uncertainty of ln(P/P₀) by one of u: d ln P = −3 du/u."""
+        """Standard uncertainty of ln(P/P₀) that corresponds to ``spread`` of u: d ln P = −3 du/u."""
         return 3 * spread / max(self.u, _LEAST_U)
 
     @property
     def random(self) -> float:
         """Standard uncertainty of u by the terms that differ from run to run."""
-        return float(np.sqrt(sum(u**2 for u, random in self.terms.values() if random)))
+        return float(np.sqrt(sum(spread**2 for spread, random in self.terms.values() if random)))
 
     @property
     def spread(self) -> float:
         """Standard uncertainty of u by all terms; the uncertainty of the model is not among them."""
-        return float(np.sqrt(sum(u**2 for u, _ in self.terms.values())))
+        return float(np.sqrt(sum(spread**2 for spread, _ in self.terms.values())))
 
 
 def fuse(change: ComplianceChange, model_covariance: Array | None = None) -> FusedChange:
-    """Fuse all cells.
+    """Fuse the changes of all cells into one change of the nut.
 
     Parameters
     ----------
@@ -106,7 +108,7 @@ def fuse(change: ComplianceChange, model_covariance: Array | None = None) -> Fus
     Returns
     -------
     FusedChange
-        With the nut's share as the model states it.
+        For the nut's share of ``change``: its uncertainty is not among the terms.
     """
     covariance = change_covariance(change, floor=False)
     by_parameters = np.zeros((len(PARAMETERS), len(change.y)))
@@ -128,15 +130,15 @@ def fuse(change: ComplianceChange, model_covariance: Array | None = None) -> Fus
 def fuse_on_worn_nut(
     change_at: Callable[[float], ComplianceChange], model_covariance: Array | None = None
 ) -> tuple[ComplianceChange, FusedChange, float]:
-    """Fuse all cells, with the effect of the test's own load corrected for the preload that results.
+    """Fuse all cells, corrected for the test's own load on a nut of the P/P₀ that results.
 
-    The load softens a worn nut more than a new one, so the correction depends on P/P₀, the result. The two
-    are made equal by the secant method.
+    The load softens a worn nut more than a new one, so the correction depends on the result, P/P₀. The secant
+    method finds the P/P₀ that results from the correction for itself.
 
     Parameters
     ----------
     change_at : callable
-        Change of the compliance, corrected for the load on the nut at a given P/P₀.
+        Returns the change of the compliance, corrected for the load on a nut of the given P/P₀.
     model_covariance : ndarray, shape (7, 7), optional
         As for :func:`fuse`.
 
@@ -157,7 +159,8 @@ def fuse_on_worn_nut(
         if abs(error) < _RATIO_TOLERANCE:
             break
         last_ratio, last_error = ratio, error
-        ratio = min(max(ratio - error / min(slope, _FLATTEST_SLOPE), _RATIO_LIMITS[0]), _RATIO_LIMITS[1])
+        next_ratio = ratio - error / min(slope, _FLATTEST_SLOPE)
+        ratio = min(max(next_ratio, _RATIO_LIMITS[0]), _RATIO_LIMITS[1])
         change = change_at(ratio)
         fused = fuse(change, model_covariance)
         error = _preload_ratio(fused) - ratio
@@ -167,17 +170,18 @@ def fuse_on_worn_nut(
 
 
 def _preload_ratio(fused: FusedChange) -> float:
-    """P/P₀, limited to 1/8 to 8."""
+    """P/P₀ = u⁻³, limited to 1/8 to 8."""
     return min(max(fused.u, 0.5), 2.0) ** -3
 
 
 def _weights(change: ComplianceChange, covariance: Array) -> Array:
-    """Weights of the cells in the change of the nut.
+    """Weights of the cells in the change of the nut, shape (n,); weights · nut = 1.
 
     In two steps: a robust fit of a level and a slope along the axis to all cells, each cell weighted by its
     own variance; then, since no slope is expected, the sum of the level and a multiple of the slope with the
-    least variance by the full covariance. Weights by the full covariance of all cells would rely on
-    differences between them in which the error terms happen to cancel; the terms are not known that exactly.
+    least variance by the full covariance (Aitken, 1936). Weights by the full covariance of all cells would
+    rely on differences between them in which the error terms happen to cancel; the terms are not known that
+    exactly.
     """
     x = change.position - change.position.mean()
     half_travel = float(np.ptp(x)) / 2
@@ -187,11 +191,13 @@ def _weights(change: ComplianceChange, covariance: Array) -> Array:
     spread = np.sqrt(np.diag(covariance))
     root_weight = np.ones_like(spread)
     for _ in range(_REWEIGHTINGS):
-        fit = np.linalg.pinv(basis * (root_weight / spread)[:, None]) * (root_weight / spread)
+        row_weight = root_weight / spread
+        fit = np.linalg.pinv(basis * row_weight[:, None]) * row_weight  # level and slope are fit @ Y
         deviation = np.abs(change.y - basis @ (fit @ change.y)) / spread
         # Cells far from the common line lose weight (Huber, 1964).
         root_weight = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(deviation, 1e-12)))
     fit_covariance = fit @ covariance @ fit.T
+    # The combination of level and slope with the least variance; that of the level is scaled to 1.
     combination = np.linalg.solve(fit_covariance, np.eye(len(fit_covariance))[0])
     return np.asarray((combination / combination[0]) @ fit)
 
@@ -209,7 +215,7 @@ def misfit(residual: Array, fitted: Array, covariance: Array, floor: Array) -> t
     residual : ndarray, shape (n,)
         Y less its fit.
     fitted : ndarray, shape (n, m)
-        Columns that were fitted to Y; those that are multiples of others do not count.
+        Columns that were fitted to Y; those that are combinations of others do not count.
     covariance : ndarray, shape (n, n)
         Of Y without the floor.
     floor : ndarray, shape (n,)
@@ -230,6 +236,7 @@ def misfit(residual: Array, fitted: Array, covariance: Array, floor: Array) -> t
     projector = np.eye(len(residual)) - basis @ basis.T
     white_covariance = np.linalg.solve(root, np.linalg.solve(root, covariance).T)
     variances = np.clip(np.linalg.eigvalsh(projector @ white_covariance @ projector), 0.0, None)
+    # Mean of the sum of squares, and half of its variance: scale times χ² has the same mean and variance.
     total, square = float(variances.sum()), float((variances**2).sum())
     if total < _NO_VARIANCE or len(residual) <= basis.shape[1]:
         return 0.0, 0.0, 1.0

@@ -15,6 +15,7 @@ from ballscrew.estimation.fusion import FusedChange
 LOCAL = "a change at some stops"
 GRADIENT = "a screw warmer at one end"
 UNEXPLAINED = "misfit without a known cause"
+"""Names of the error terms of a misfit, as printed."""
 
 
 def inflate_uncertainty(
@@ -42,19 +43,21 @@ def inflate_uncertainty(
     Returns
     -------
     FusedChange
-        With an additional term in these three cases; unchanged where the cells agree, or another cause alone
-        explains them.
+        With an additional term in these three cases; unchanged where one preload explains the cells, or any
+        other cause does.
     """
     if fused.probability >= assumptions.false_alarm:
         return fused
     others = other_possible_causes(causes)
     for cause in others:
         if cause.name == "gradient":
+            # Half of the amount, which is a change of ln P, and du = −u/3 d ln P.
             return _with_term(fused, GRADIENT, abs(cause.amount) / 6 * fused.u)
         if cause.name == "local":
-            size = cause.amount / evidence.sizes["local"]
-            shift = evidence.signatures["local"][:, : len(fused.weights)] @ fused.weights
-            return _with_term(fused, LOCAL, size * float(np.linalg.norm(shift)))
+            relative_size = cause.amount / evidence.sizes["local"]
+            # Changes of u by the independent forms of a local change, each at its plausible size.
+            shifts = evidence.signatures["local"][:, : len(fused.weights)] @ fused.weights
+            return _with_term(fused, LOCAL, relative_size * float(np.linalg.norm(shifts)))
     if others:
         return fused
     excess = 0.0
@@ -64,7 +67,7 @@ def inflate_uncertainty(
 
 
 def with_misfit_of(fused: FusedChange, other: FusedChange) -> FusedChange:
-    """A change with the misfit term of another change of the same run, relative to u."""
+    """The change with the misfit term of another change of the same run, in proportion to u."""
     for name in (LOCAL, GRADIENT, UNEXPLAINED):
         if name in other.terms and other.u > 0:
             fused = _with_term(fused, name, other.terms[name][0] * fused.u / other.u)
@@ -72,9 +75,10 @@ def with_misfit_of(fused: FusedChange, other: FusedChange) -> FusedChange:
 
 
 def is_inflated(fused: FusedChange) -> bool:
-    """True where a misfit is part of the uncertainty."""
+    """Whether a misfit is part of the uncertainty."""
     return not fused.terms.keys().isdisjoint((LOCAL, GRADIENT, UNEXPLAINED))
 
 
 def _with_term(fused: FusedChange, name: str, spread: float) -> FusedChange:
+    """The change with an additional systematic term; ``spread`` is a standard uncertainty of u."""
     return replace(fused, terms=fused.terms | {name: (spread, False)})
