@@ -28,9 +28,11 @@ from ballscrew.modal.cell import CellResult
 from ballscrew.modal.run import SOFTENING_SPREAD, Run
 
 _NUT_AND_BEARING = ("nut", "bearing", "both")
-_LEAST_PROBABILITY = 1e-300
-_UPPER_95 = 1.645  # standard deviations
-_MOST_DEVIATIONS = 2.6  # of a difference, in standard uncertainties; by chance once in a hundred runs
+_LEAST_PROBABILITY = 1e-300  # in a divisor
+_UPPER_95 = 1.645  # standard deviations from the mean to a one-sided 95 % limit
+# Difference of two results, in its standard uncertainties, beyond which they exclude each other; a larger
+# one is chance in one of a hundred runs.
+_MOST_DEVIATIONS = 2.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +46,8 @@ class NutEvidence:
     stated : bool
         Whether the user has stated it.
     log_ratio, log_ratio_spread : float or None
-        ln(P/P₀) of the nut by its softening under load, and its standard uncertainty; None where the
-        softening is less certain than the bearing.
+        ln(P/P₀) of the nut by its softening under load, and its standard uncertainty; None where a run has no
+        softening, or it is less certain than the bearing.
     """
 
     bearing_spread: float
@@ -60,7 +62,7 @@ class NutEvidence:
 
     @property
     def softening(self) -> tuple[float, float] | None:
-        """Nut's u − 1 by the softening, u = (P/P₀)^(−1/3), and its standard uncertainty."""
+        """Nut's u − 1 by the softening, u = (P/P₀)^(−1/3), and its standard uncertainty; else None."""
         if self.log_ratio is None or self.log_ratio_spread is None:
             return None
         u = math.exp(-self.log_ratio / 3)
@@ -69,7 +71,7 @@ class NutEvidence:
 
 @dataclass(frozen=True, slots=True)
 class NutOrBearing:
-    """Share of nut and support bearing in a change of the axial stiffness.
+    """Whether the nut, the support bearing or both have changed the axial stiffness.
 
     Parameters
     ----------
@@ -113,10 +115,10 @@ def attribute_change(
     Returns
     -------
     tuple of PossibleCause
-        The same; where nothing separates the three, they are one cause, since their probabilities would be
+        The causes; where nothing separates the three, they are one cause, since their probabilities would be
         those assumed beforehand.
     NutOrBearing
-        Their probabilities among the three.
+        Probabilities of the three; their sum is 1.
     """
     three = {cause.name: cause for cause in causes if cause.name in _NUT_AND_BEARING}
     total = sum(cause.probability for cause in three.values())
@@ -200,30 +202,32 @@ def evidence_by_softening(
     Returns
     -------
     NutEvidence
-        The repeating part of the softening's law cancels; the noise of run and baseline does not.
-        Where the softening separates the two and nothing is stated, the bearing may have changed by as much
-        as is plausible of a worn one.
+        ln(P/P₀) is the difference from the mean of the baseline's runs. The repeating part of the error by
+        the softening's law cancels in it; the noise of run and baseline does not. Where the softening
+        separates nut and bearing and nothing is stated, the bearing may have changed by as much as is
+        plausible of a worn one.
     """
     spread, stated = assumptions.bearing_spread, assumptions.bearing_drift is not None
     known = [each for each in then if each is not None]
     if now is None or not known:
         return NutEvidence(spread, stated)
-    (value, own), (values, others) = now, np.array(known).T
+    log_preload, own_spread = now
+    base_log_preloads, base_spreads = np.array(known).T
     # A part of the law's error is the same in all runs: of it, only the difference counts.
-    law, laws = min(own, SOFTENING_SPREAD), np.minimum(others, SOFTENING_SPREAD)
-    independent = own**2 - SOFTENING_REPEATS * law**2
-    independent += float(np.mean(others**2 - SOFTENING_REPEATS * laws**2)) / len(known)
-    uncertainty = math.sqrt(independent + SOFTENING_REPEATS * (law - float(np.mean(laws))) ** 2)
-    by_bearing = 3 * bearing_over_nut * assumptions.bearing_spread  # d ln P = -3 du
+    law, base_laws = min(own_spread, SOFTENING_SPREAD), np.minimum(base_spreads, SOFTENING_SPREAD)
+    independent = own_spread**2 - SOFTENING_REPEATS * law**2
+    independent += float(np.mean(base_spreads**2 - SOFTENING_REPEATS * base_laws**2)) / len(known)
+    uncertainty = math.sqrt(independent + SOFTENING_REPEATS * (law - float(np.mean(base_laws))) ** 2)
+    by_bearing = 3 * bearing_over_nut * assumptions.bearing_spread  # of ln P, d ln P = −3 du
     if uncertainty > by_bearing:
         return NutEvidence(spread, stated)
     if not stated:
         spread = max(spread, assumptions.priors.bearing_size)
-    return NutEvidence(spread, stated, value - float(np.mean(values)), uncertainty)
+    return NutEvidence(spread, stated, log_preload - float(np.mean(base_log_preloads)), uncertainty)
 
 
 def log_preload_by_softening(run: Run, nut_mass: float) -> tuple[float, float] | None:
-    """Preload by the nut's softening under load, up to a constant of the axis.
+    """Logarithm of the preload by the nut's softening under load, up to a constant of the axis.
 
     Parameters
     ----------
@@ -235,7 +239,7 @@ def log_preload_by_softening(run: Run, nut_mass: float) -> tuple[float, float] |
     Returns
     -------
     tuple of float or None
-        ln P and its standard uncertainty; None where the run does not give it.
+        ln P, P in N, and its standard uncertainty; None where the run does not determine the softening.
     """
     softening = run.mass_over_preload_kg_per_N
     if softening is None or not (softening.value > 0 and softening.standard_uncertainty > 0):
@@ -263,7 +267,7 @@ def nut_quantity(stiffness: Quantity, bearing_over_nut: float, evidence: NutEvid
     """
     u, variance = _by_stiffness(stiffness, bearing_over_nut, evidence)
     softening = evidence.softening
-    if softening is not None:
+    if softening is not None:  # mean of the two results, weighted by their inverse variances
         excess = _excess_variance(1 + softening[0] - u, variance + softening[1] ** 2)
         variance += excess
         weight = variance / (variance + softening[1] ** 2 + excess)
@@ -276,16 +280,17 @@ def nut_quantity(stiffness: Quantity, bearing_over_nut: float, evidence: NutEvid
 
 
 def _by_stiffness(stiffness: Quantity, bearing_over_nut: float, evidence: NutEvidence) -> tuple[float, float]:
-    """The nut's u by the stiffness, and its variance with the bearing's."""
+    """The nut's u by the stiffness, and its variance, which includes that by the bearing's change."""
     u = stiffness.value ** (-1 / 3)
-    own = u * stiffness.standard_uncertainty / (3 * stiffness.value)
+    own = u * stiffness.standard_uncertainty / (3 * stiffness.value)  # du = −u/3 d ln P
     return u, own**2 + (bearing_over_nut * evidence.bearing_spread) ** 2
 
 
 def _excess_variance(difference: float, variance: float) -> float:
-    """Variance of each of two results beyond its own, where they exclude each other; else 0.
+    """Variance to be added to each of two results that exclude each other; else 0.
 
-    By the method of moments (DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2).
+    ``difference`` is that of the results, and ``variance`` its variance by their own uncertainties. By the
+    method of moments (DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2).
     """
     if difference**2 <= _MOST_DEVIATIONS**2 * variance:
         return 0.0
@@ -309,7 +314,7 @@ def contradiction(stiffness: Quantity, bearing_over_nut: float, evidence: NutEvi
 
 def not_identifiable(bearing_over_nut: float) -> str:
     """Reason why a change is not attributed to the nut, with the bearing's effect and what to do."""
-    softer = 0.9 ** (-1 / 3) - 1  # of a bearing that lost a tenth of its own preload
+    softer = 0.9 ** (-1 / 3) - 1  # growth of a bearing's compliance by the loss of a tenth of its preload
     loss = 100 * (1 - (1 + bearing_over_nut * softer) ** -3)
     return (
         "not identifiable: whether the nut or the support bearing has changed cannot be decided from these "
@@ -320,7 +325,10 @@ def not_identifiable(bearing_over_nut: float) -> str:
 
 
 def bearing_over_nut(change: ComplianceChange, fused: FusedChange) -> float:
-    """Compliance of the support bearing over that of the nut, in the reference's state."""
+    """Compliance of the support bearing over that of the nut, in the state of the reference.
+
+    Mean over the cells by the weights with which they were fused.
+    """
     return float(change.bearing @ fused.weights) / float(change.nut @ fused.weights)
 
 
@@ -332,66 +340,68 @@ def nut_ratios(
     Parameters
     ----------
     ratios : ndarray, shape (n,)
-        By the stiffness; infinite where nothing bounds them.
+        P/P₀ by the stiffness; infinite where nothing bounds it.
     bearing : ndarray, shape (n,)
         Compliance of the bearing over the nut's.
     evidence : NutEvidence
         Of the run.
     normal : ndarray, shape (n, 2)
-        Standard-normal numbers.
+        Standard-normal numbers for the bearing's change and for the error of the softening.
     shift : float
-        ln P by the temperature, which is subtracted from the softening's ratio as from the others.
+        Change of ln P by the temperature; ``ratios`` are corrected for it already, the softening is here.
 
     Returns
     -------
-    ndarray, shape (n,)
-        Infinite where nothing bounds them.
-    float
+    ratios : ndarray, shape (n,)
+        P/P₀ of the nut; infinite where nothing bounds it.
+    weight : float
         Weight of the softening in u = (P/P₀)^(−1/3), 0 to 1.
     """
-    # A bearing that is stiffer by a factor e^z is more compliant by e^−z − 1.
+    # The compliance of a bearing that is stiffer by a factor e^z changes by the factor e^−z.
     u = np.power(ratios, -1 / 3) - bearing * np.expm1(-evidence.bearing_spread * normal[:, 0])
     weight = 0.0
     if evidence.log_ratio is not None and evidence.log_ratio_spread is not None:
-        logarithms = evidence.log_ratio - shift + evidence.log_ratio_spread * normal[:, 1]
-        softening = np.exp(-logarithms / 3)
-        variances = np.array([np.var(u), np.var(softening)])
-        excess = _excess_variance(float(np.mean(softening) - np.mean(u)), float(variances.sum()))
-        u, softening = _widen(u, excess), _widen(softening, excess)
+        log_ratios = evidence.log_ratio - shift + evidence.log_ratio_spread * normal[:, 1]
+        u_by_softening = np.exp(-log_ratios / 3)
+        variances = np.array([np.var(u), np.var(u_by_softening)])
+        excess = _excess_variance(float(np.mean(u_by_softening) - np.mean(u)), float(variances.sum()))
+        u, u_by_softening = _add_variance(u, excess), _add_variance(u_by_softening, excess)
         weight = float((variances[0] + excess) / (variances.sum() + 2 * excess))
-        u = u + weight * (softening - u)
+        u = u + weight * (u_by_softening - u)
     return np.power(u, -3.0, out=np.full_like(u, np.inf), where=u > 0), weight
 
 
-def _widen(samples: Array, excess: float) -> Array:
-    """Samples with a larger variance about their mean."""
+def _add_variance(samples: Array, excess: float) -> Array:
+    """Samples with the same mean, and a variance that is larger by ``excess``."""
+    if not excess:
+        return samples
     mean, variance = np.mean(samples), np.var(samples)
-    return np.asarray(mean + (samples - mean) * np.sqrt(1 + excess / variance)) if excess else samples
+    return np.asarray(mean + (samples - mean) * np.sqrt(1 + excess / variance))
 
 
 def describe_release(limit: float) -> str:
-    """Reason why the nut's preload has an upper limit alone; parameter as in :func:`below`."""
+    """Reason why the nut's preload has only an upper limit; parameter as in :func:`ratio_below`."""
     return (
         "a flank of the nut loses contact under the test's own load, and the frequency hardly depends on the "
         f"preload: it is below {100 * limit:.0f} % of the baseline's"
     )
 
 
-def below(limit: float, nut: Quantity | None = None) -> Quantity:
-    """P/P₀ of a nut with an upper limit alone.
+def ratio_below(limit: float, nut: Quantity | None = None) -> Quantity:
+    """P/P₀ of a nut for which only an upper limit is known.
 
     Parameters
     ----------
     limit : float
-        One-sided 95 % limit.
+        One-sided 95 % limit of P/P₀.
     nut : Quantity, optional
-        By the frequencies.
+        P/P₀ by the frequencies, where the run has any.
 
     Returns
     -------
     Quantity
-        Its interval begins at 0; without frequencies the value is half of the limit, and the standard
-        uncertainty that of a uniform distribution.
+        Its interval is 0 to the limit; without frequencies the value is half of the limit, and the standard
+        uncertainty that of a uniform distribution in the interval.
     """
     if nut is None:
         nut = Quantity(limit / 2, limit / math.sqrt(12))
@@ -401,7 +411,8 @@ def below(limit: float, nut: Quantity | None = None) -> Quantity:
 def release_limit(run: Run, baseline: Run | None, model: CalibratedAxis) -> float | None:
     """P/P₀ below which the test unloads the nut in most cells.
 
-    A flank loses contact at a load of 2.83 P, and the baseline states that load over its own preload.
+    A flank loses contact at a load of 2.83 P (:data:`~ballscrew.axis.hertz.RELEASE`), and the baseline states
+    the load of the test over its own preload.
 
     Parameters
     ----------
@@ -413,7 +424,8 @@ def release_limit(run: Run, baseline: Run | None, model: CalibratedAxis) -> floa
     Returns
     -------
     float or None
-        One-sided, 95 %; None where both flanks carry, or the baseline does not state its load.
+        One-sided 95 % limit; None where both flanks carry in half of the cells or more, or the baseline does
+        not state its load.
     """
     stated = [cell for cell in run.cells if cell.frequency_Hz is not None or cell.nut_load_over_preload]
     unloaded = [cell for cell in stated if _is_unloaded(cell)]
@@ -427,7 +439,7 @@ def release_limit(run: Run, baseline: Run | None, model: CalibratedAxis) -> floa
             limits.append(load / RELEASE)
     if not limits:
         return None
-    spread = model.standard_uncertainty("preload")
+    spread = model.standard_uncertainty("preload")  # of ln P₀
     softening = baseline.mass_over_preload_kg_per_N
     if softening is not None and softening.value > 0:
         spread = softening.standard_uncertainty / softening.value
@@ -435,6 +447,7 @@ def release_limit(run: Run, baseline: Run | None, model: CalibratedAxis) -> floa
 
 
 def _is_unloaded(cell: CellResult) -> bool:
+    """Whether the test's own load takes a flank of the nut out of contact in a cell."""
     if cell.nut_load_over_preload is None:
         return "unloaded" in cell.reason_kinds
     return cell.nut_load_over_preload > RELEASE

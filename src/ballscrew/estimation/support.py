@@ -9,8 +9,8 @@ from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
 
-# Growth of the curvature over that of an end that is lost: less, if it is lost in some conditions or trips
-# only; more, since the model's curvature is uncertain.
+# Curvature of the growth of the compliance over minus the model's, which is 1 for an end that is lost: less
+# where it is lost in some conditions or trips only; more since the model's curvature is uncertain.
 _LEAST_CURVATURE, _MOST_CURVATURE = 0.4, 2.5
 
 
@@ -19,9 +19,10 @@ def lost_end(
 ) -> list[str]:
     """Reason to doubt a preload where an end of the screw seems to carry no longer.
 
-    Two ends with compliances C_n and C_f make C_n C_f / (C_n + C_f) at the nut, a parabola along the screw.
-    Without the far end C_n is left: the compliance grows by C_n²/(C_n + C_f), the opposite parabola, with its
-    vertex beyond the near end. A nut, which changes everywhere alike, has no such shape.
+    C_n and C_f are the compliances of shaft and bearing to the near and to the far end. Both ends together
+    make C_n C_f / (C_n + C_f) at the nut, a parabola along the screw. Without the far end it is C_n: the
+    compliance grows by C_n²/(C_n + C_f), a parabola of the opposite curvature with its vertex beyond the near
+    end. A nut, which changes everywhere alike, has no such shape.
 
     Parameters
     ----------
@@ -44,7 +45,7 @@ def lost_end(
     if len(np.unique(change.position)) < 3:
         return []
     x = change.position - model.centre
-    growth = change.y * (1 + model.slope * x + model.curve * x**2)  # of the compliance, over the model's
+    growth = change.y * (1 + model.slope * x + model.curve * x**2)  # of the compliance, as a part of U
     curve, slope, _ = np.polyfit(x, growth, 2)
     if not _LEAST_CURVATURE < curve / -model.curve < _MOST_CURVATURE:
         return []

@@ -20,20 +20,21 @@ from ballscrew.estimation.inflation import is_inflated
 from ballscrew.estimation.mass_check import MassCheck
 from ballscrew.estimation.nut import (
     NutEvidence,
-    below,
     contradiction,
     describe_release,
     not_identifiable,
+    ratio_below,
     release_limit,
 )
 from ballscrew.modal.run import Run
 from ballscrew.recording.quality.clock import clock_difference
 
-_MOST_REASONS = 3  # of a run, and notes of the calibration, that are repeated with a preload
+# Most reasons of a run, and most notes of a calibration, that are repeated with a preload.
+_MOST_REASONS = 3
 _ID_LENGTH = 12  # characters of a run's id in the sentences on a calibration
 _TIME_WIDTH = 16  # characters of a run's time, to the minute
-# Doubts whose error every run of a test repeats, so that a change cancels it; chance, a lost contact and
-# another mode do not repeat.
+# Kinds of doubt whose error repeats in every run of a test, so that it cancels in a change; the errors by
+# chance, a lost contact or another mode do not repeat.
 _CANCELLED = frozenset(("measurement", "low-rate", "unexcited", "unmeasured-force"))
 _WIDEST = 8.0  # ratio of the interval's ends above which an estimate is suspect
 
@@ -84,14 +85,15 @@ def why_not_good(
 
 
 def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False) -> list[str]:
-    """Reasons that make half of the cells of run or baseline suspect, less those that cancel in a change.
+    """Reasons that make half of the cells of run or baseline suspect, except those that cancel in a change.
 
     Parameters
     ----------
     run, baseline : Run
         Analysed.
     in_history : bool
-        For runs of a history: its scatter contains chance already, and a nut that the test unloads is worn.
+        For runs of a history. Few repetitions of both runs are then no reason, since the history's scatter
+        contains chance, nor is a nut that the test unloads, since it is worn.
 
     Returns
     -------
@@ -124,7 +126,7 @@ def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False)
 
 
 def why_nut_uncertain(estimate: PreloadEstimate, evidence: NutEvidence, bearing_over_nut: float) -> list[str]:
-    """Reasons why the nut's preload is suspect although the axial stiffness need not be.
+    """Reasons why the nut's preload is suspect, besides those of the axial stiffness.
 
     Parameters
     ----------
@@ -163,7 +165,7 @@ def limit_released(
     Parameters
     ----------
     estimate : PreloadEstimate
-        With its verdicts; refused where the run has no frequency.
+        With its verdicts; a refused one where the run has no frequency.
     run, baseline : Run
         Analysed.
     model : CalibratedAxis
@@ -172,7 +174,8 @@ def limit_released(
     Returns
     -------
     PreloadEstimate
-        Unchanged where both flanks carry, or the baseline does not state its load.
+        Unchanged where :func:`~ballscrew.estimation.nut.release_limit` gives no limit, or where the nut's
+        preload has no upper end although the stiffness is known.
     """
     nut = estimate.relative_to_baseline
     limit = release_limit(run, baseline, model)
@@ -182,7 +185,7 @@ def limit_released(
         estimate,
         nut_verdict="suspect",
         nut_reasons=(*estimate.nut_reasons, describe_release(limit)),
-        relative_to_baseline=below(limit, nut),
+        relative_to_baseline=ratio_below(limit, nut),
         relative_to_model=None,
         preload_N=None,
         preload_ratio=None,
@@ -204,7 +207,7 @@ def doubts_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> lis
     Returns
     -------
     list of str
-        One for each name, in sentences that name the runs by their times. Empty where the calibration is good
+        A sentence for each name, in which runs are named by their times. Empty where the calibration is good
         or all its reasons are accepted.
     """
     texts: dict[str, list[str]] = {}
@@ -326,8 +329,9 @@ def _undetectable_load(
     low, high = estimate.relative_interval
     if low <= 1 <= high:
         return []
-    same_effect = fused.level / float(fused.weights @ change.by_load)  # kg
-    # The load errors that the masses allow lie around the observed change of the mass.
+    # The load error that alone would give the change, kg. Those that the masses allow lie about the observed
+    # change of the mass; the largest of the same sign is compared.
+    same_effect = fused.level / float(fused.weights @ change.by_load)
     possible = mass.undetectable + math.copysign(1.0, same_effect) * mass.change.value
     if abs(same_effect) >= possible:
         return []

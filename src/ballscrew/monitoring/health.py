@@ -18,11 +18,11 @@ from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.nut import (
-    below,
     contradiction,
     describe_release,
     not_identifiable,
     nut_quantity,
+    ratio_below,
 )
 from ballscrew.estimation.samples import share_uncertainty
 from ballscrew.estimation.verdict import doubts_of_calibration, notes_of_calibration
@@ -203,7 +203,7 @@ def _uncharted(row: HistoryRow) -> RunState:
     """State of a run that is not charted: by the load that unloads its nut, or set aside."""
     if row.limit is None:
         return RunState(row.reading, "suspect")
-    return RunState(row.reading, "unloaded", relative=below(row.limit))
+    return RunState(row.reading, "unloaded", relative=ratio_below(row.limit))
 
 
 def _made(runs: Sequence[RunState], settings: MonitorSettings, accept: Sequence[str]) -> Made:
@@ -297,7 +297,7 @@ def _run_states(
             evidence = evidence_of_nut(row, good, chart, settings)
             nut = nut_quantity(stiffness, row.bearing_over_nut, evidence)
         if row.limit is not None:
-            nut = below(row.limit, nut)
+            nut = ratio_below(row.limit, nut)
         states[reading.run] = RunState(
             reading=reading,
             state=chart.states[k],
