@@ -3,8 +3,8 @@
 Each cause changes the compliance along the axis, the masses and the friction in proportions of its own, its
 signature. The changes of a run since its baseline are one vector of observations with one covariance. A cause
 adds its signature times an unknown amount, whose prior is normal with a plausible size as its standard
-deviation. The evidence, the probability of the observations with the cause, is then that of a normal
-distribution.
+deviation. The observations then have a normal distribution, the density of which is the evidence for the
+cause.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ballscrew.estimation.fusion import misfit
 UNITS: Mapping[str, str] = {"load": "kg", "position": "m"}
 """Units of the amounts by cause; the others are ratios."""
 
-_COMPARED_TERMS = (DECLARED_LOAD, POSITION)  # error terms that are not errors here, but causes
+_COMPARED_TERMS = (DECLARED_LOAD, POSITION)  # error terms of the cells that are compared as causes here
 _SIMILAR_TO_NUT = ("nut", "bearing", "position", "temperature")
 """Causes whose signature along the axis is nearly that of the nut: a fit of both would not separate them."""
 
@@ -62,8 +62,10 @@ class PossibleCause:
     chi2 : float
         χ² of all observations that the cause leaves unexplained.
     amount, standard_uncertainty : float
-        Size of the cause in its unit: u − 1 of the nut, relative changes of bearing rigidity and torque
-        signal, ln P of temperature and of a gradient from end to end, rms of u of a change at some stops.
+        Size of the cause in its unit: u − 1 of the nut, u = (P/P₀)^(−1/3); relative changes of bearing
+        rigidity (also of both) and torque signal; additional load and shift of the zero; fall of ln P by the
+        temperature; ln P at the far end less that at the near end for a gradient; root mean square of the
+        changes of u for a change at some stops.
     unit : str
         Of the amount.
     possible : bool
@@ -164,9 +166,9 @@ class CauseEvidence:
 
 @dataclass(frozen=True, slots=True)
 class _CauseFit:
-    """Fit of one cause: log evidence, unexplained χ², and size with its standard deviation.
+    """Fit of one cause: log evidence up to a constant, unexplained χ², and amount with its uncertainty.
 
-    ``size`` and ``spread`` are relative to the plausible size.
+    ``size`` and ``spread`` are the amount and its standard deviation over the plausible size.
     """
 
     log_evidence: float
@@ -190,12 +192,12 @@ def gather_evidence(
     ----------
     change : ComplianceChange
         Of the cells.
-    masses : MassChanges, optional
-        Where both runs have them.
+    masses : MassChanges or None
+        Since the baseline, where both runs have masses.
     assumptions : Assumptions
         Plausible sizes of the causes.
     temperature_difference : float, optional
-        Temperature less the baseline's, K.
+        Temperature of the run less the baseline's, K.
     model_covariance : ndarray, shape (7, 7), optional
         Of the model's working vector, where the reference is the model.
     softening : (float, float), optional
@@ -212,7 +214,8 @@ def gather_evidence(
     if model_covariance is not None and change.by_parameters is not None:
         by_model = change.by_parameters.T @ model_covariance @ change.by_parameters
         cells, all_errors = cells + by_model, all_errors + by_model
-    softening_by_load = 1 / (3 * change.moving_mass)  # ln P by the softening is in proportion to the mass
+    # An undeclared load lowers ln P by the softening by its part of the moving mass, and du = −u/3 d ln P.
+    softening_by_load = 1 / (3 * change.moving_mass)
     rows = _other_rows(masses, assumptions, softening, softening_by_load)
     count, added = len(change.y), len(rows)  # of cells, and of the other observations
     values, spreads, by_load, by_torque, by_nut = rows.T
@@ -221,7 +224,7 @@ def gather_evidence(
     covariance[range(count, count + added), range(count, count + added)] = spreads**2
 
     def in_cells(signature: Array) -> Array:
-        """A signature in the cells, 0 in the other observations."""
+        """Signature in the cells, shape (n,) or (k, n), extended by 0 in the other observations."""
         return np.pad(np.atleast_2d(signature), ((0, 0), (0, added)))
 
     nut = np.concatenate([change.nut, by_nut])[None]
@@ -249,10 +252,10 @@ def gather_evidence(
     if travel > 0:
         along = (change.position - change.position.mean()) / travel
         sizes["gradient"] = priors.gradient_size
-        signatures["gradient"] = in_cells(-priors.gradient_size / 3 * along * change.nut)
+        signatures["gradient"] = in_cells(-priors.gradient_size / 3 * along * change.nut)  # du = −d ln P/3
     if temperature_difference:
         sizes["temperature"] = assumptions.temperature * abs(temperature_difference)
-        signatures["temperature"] = sizes["temperature"] / 3 * nut  # du = u/3 d ln P, near u = 1
+        signatures["temperature"] = sizes["temperature"] / 3 * nut  # du = d/3 by a fall d of ln P
     observations = np.concatenate([change.y, values])
     return CauseEvidence(observations, covariance, signatures, sizes, all_errors, change.floor)
 
@@ -262,9 +265,9 @@ def compare_causes(
 ) -> tuple[PossibleCause, ...]:
     """Compare the causes.
 
-    Nut and bearing are compared each alone and together. Those with nearly the signature of the nut (bearing,
-    zero of the position, temperature) are compared with it, each alone. The others may change together with
-    the nut, so they are fitted with it.
+    Nut and bearing are fitted each alone and together. The other causes with nearly the signature of the nut
+    (zero of the position, temperature) are fitted alone, as alternatives to it. The remaining ones may
+    accompany a worn nut, so they are fitted together with it.
 
     Parameters
     ----------
@@ -291,8 +294,8 @@ def compare_causes(
     causes = []
     for (name, fit), probability in zip(fits.items(), probabilities, strict=True):
         significant = name == "nut" or abs(fit.size) > 2 * fit.spread
-        # The size of several directions is never below 0, so the evidence decides; so it does for a gradient,
-        # whose fit contains the nut.
+        # The size of a cause of several directions is never below 0, so the evidence decides; likewise for a
+        # gradient, whose fit contains the nut.
         if len(evidence.signatures[name]) > 1 or name == "gradient":
             significant = fit.log_evidence > fits["nut"].log_evidence
         cell_fit = _probability_of_cells(evidence, name)
@@ -359,10 +362,10 @@ def _other_rows(
     softening: tuple[float, float] | None,
     softening_by_load: float,
 ) -> Array:
-    """Observations of masses, friction and softening, shape (n, 5).
+    """Observations of masses, friction and softening, a row each, shape (m, 5).
 
-    Columns: value, standard deviation, change per kg of load, per relative error of the torque, and per u − 1
-    of the nut.
+    Columns: value, standard deviation, and change of the value per kg of load, per relative error of the
+    torque, and per u − 1 of the nut. ``softening_by_load`` is that of the softening per kg.
     """
     rows = []
     if masses is not None:
@@ -378,9 +381,10 @@ def _other_rows(
 
 
 def _local_directions(change: ComplianceChange, priors: Priors) -> Array:
-    """Independent directions of a change that varies along the axis, shape (k, n).
+    """Changes of Y by the independent directions of a local change at its plausible size, shape (k, n).
 
-    Changes at two stops are correlated by exp(−distance/length): a process that may have edges.
+    Changes of u at two stops are correlated by exp(−distance/length), so that steps along the axis are
+    possible.
     """
     stops = np.unique(change.position)
     correlation = np.exp(-np.abs(stops[:, None] - stops[None]) / priors.local_length)
@@ -391,9 +395,10 @@ def _local_directions(change: ComplianceChange, priors: Priors) -> Array:
 
 
 def _fit_cause(evidence: CauseEvidence, directions: Array, own: int) -> _CauseFit:
-    """Posterior of the amounts of the directions, each with prior 0 ± 1; the first ``own`` are the cause's.
+    """Fit of a cause by its directions, shape (k, n), each with an amount of 0 ± 1 before the data.
 
-    The size of a cause with several directions is the root mean square of its amounts.
+    The first ``own`` directions are the cause's. Its size is the amount of one, or the root mean square of
+    those of several.
     """
     factor = cho_factor(evidence.covariance, lower=True)
     weighted = cho_solve(factor, directions.T)
@@ -420,6 +425,7 @@ def _probability_of_cells(evidence: CauseEvidence, name: str) -> float:
     """
     count = len(evidence.floor)
     own, nut = evidence.signatures[name][:, :count], evidence.signatures["nut"][:, :count]
+    # A cause that changes no cell, such as the torque, has nothing to fit.
     covariance, fitted = evidence.cell_covariance, own[np.any(own != 0, axis=1)]
     if name not in _SIMILAR_TO_NUT:
         if len(own) > 1:

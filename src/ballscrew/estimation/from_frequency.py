@@ -25,8 +25,8 @@ from ballscrew.recording.quality.finding import Quality
 
 Frequency = Quantity | NaturalFrequency
 
-_METHOD = "joint"  # whose frequencies are those of a nut without load, as these are
-_CONDITION = "PA"  # a cell has one; at rest it has no effect
+_METHOD = "joint"  # of the cells: its frequencies are those of a nut without outer load, as these are
+_CONDITION = "PA"  # of all cells, each of which needs one; it has no effect
 
 
 def preload_from_frequency(
@@ -130,7 +130,7 @@ def _run(frequencies: list[Any], places: list[float], load: float, model: Calibr
 
 
 def _cell(frequency: Any, place: float, number: int, method: str) -> CellResult:
-    """Cell with a given frequency; its number distinguishes it from another at the same position."""
+    """Cell with a given frequency; ``number``, its motion, distinguishes it from others at its position."""
     reasons: tuple[str, ...] = ()
     if isinstance(frequency, NaturalFrequency):
         reasons, frequency = frequency.reasons, frequency.frequency

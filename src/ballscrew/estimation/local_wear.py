@@ -2,8 +2,8 @@
 
 The frequencies of a run lie on one smooth curve along the axis, and each cell has a deviation of its own from
 it. A worn place shifts all conditions of a stop together, while friction and motion shift the conditions
-against each other. A deviation common to all conditions of a stop is therefore local wear, so far as the
-baseline does not have it too, and the scatter of the conditions at one stop is the noise.
+against each other. A deviation that all conditions of a stop have in common, and that the baseline does not
+have, is therefore local wear, and the scatter of the conditions at one stop is the noise.
 
 P(x) is modelled as a constant and a smooth random departure from it: a Gaussian process whose size is that of
 the maximum likelihood (Rasmussen and Williams, 2006, ch. 2 and 5). Local wear is detected where the contrast
@@ -28,16 +28,17 @@ from ballscrew.estimation.fusion import FusedChange
 from ballscrew.modal.cell import CellKey
 from ballscrew.modal.run import Run
 
-_LEAST_STOPS = 5  # a line or parabola, a place that departs from it, and one more
-_LEAST_FREEDOM = 4  # degrees of freedom of the noise
+_LEAST_STOPS = 5  # three for a parabola, a place that departs from it, and another
+_LEAST_FREEDOM = 4  # least degrees of freedom of the noise
 _LENGTH = 0.06  # m, correlation length of a departure: two to three nut lengths
-_SIZES = np.concatenate([[0.01], np.geomspace(0.015, 0.6, 24)])  # standard deviations of u that are tried
+# Standard deviations of the departure of u among which the maximum of the likelihood is selected.
+_SIZES = np.concatenate([[0.01], np.geomspace(0.015, 0.6, 24)])
 _SMALLEST_LOSS = 0.05  # relative loss of preload up to which a place is not reported
 _LEAST_U = 0.05  # u = (P/P₀)^(−1/3) of a preload 8000 times as large, which no nut has
 _MOST_WORN = 1 / 3  # of all stops, for a worn place: if more are worn, the others are the exception
 _BALANCING_ITERATIONS = 30  # one suffices where every stop has every condition
-_TRIALS = 8_000  # of an evenly worn axis: 40 exceed the limit at a rate of 1 in 200
-_SEED = 4242
+_TRIALS = 8_000  # simulated runs of an evenly worn axis: 40 exceed the limit at a rate of 1 in 200
+_SEED = 4242  # of their random numbers: every estimate has the same
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,20 +48,20 @@ class PreloadProfile:
     Parameters
     ----------
     position : tuple of float
-        Of the stops, m; stops whose interval has no upper end are left out.
+        Of the stops, m; stops whose interval has no upper end are omitted.
     ratio : tuple of Quantity
-        P over its reference at each.
+        P/P₀, or P/P_ref without a baseline, at each.
     found : bool
         Whether local wear is detected.
     start, stop : float or None
         First and last stop of the worn place, m.
     loss : Quantity or None
-        Loss of preload there, relative to the other stops.
+        Loss of preload of the worn place, relative to the mean of the other stops.
     statistic, limit : float
         The largest contrast, and its limit, in standard deviations: see :func:`largest_contrast`.
     groups : tuple of (str, Quantity)
-        P over its reference from the cells of each condition and motion alone, with their noise as
-        uncertainty; groups whose interval has no upper end are left out.
+        Condition and motion, and the same ratio from the cells of these alone, with their noise as
+        uncertainty; groups whose interval has no upper end are omitted.
     text : str
         The result in words.
     """
@@ -106,7 +107,7 @@ class _Stops:
     """Cells grouped by stops.
 
     ``position`` (m), ``nut`` (its share of the compliance) and ``count`` (of cells) have one value a stop;
-    ``at`` is the index of each cell's stop and ``names`` are its condition and motion.
+    ``at`` (index of the stop) and ``names`` (condition and motion) have one a cell.
     """
 
     position: Array
@@ -116,11 +117,11 @@ class _Stops:
     names: tuple[str, ...]
 
     def mean(self, values: Array) -> Array:
-        """Mean over the cells of each stop."""
+        """Mean of a value of the cells over each stop, shape (stops,)."""
         return np.asarray(np.bincount(self.at, values, len(self.position)) / self.count)
 
     def groups(self) -> dict[str, NDArray[np.bool_]]:
-        """The cells of each condition and motion."""
+        """Mask of the cells of each condition and motion, shape (cells,)."""
         names = np.array(self.names)
         return {name: names == name for name in dict.fromkeys(self.names)}
 
@@ -143,7 +144,7 @@ def preload_profile(
     change : ComplianceChange
         Of the cells that were fused.
     fused : FusedChange
-        Their common change.
+        The change of the nut that is common to them.
     share_uncertainty : float
         Relative standard uncertainty of the nut's share.
     curved : bool
@@ -159,6 +160,7 @@ def preload_profile(
         None for fewer than five stops, or too few cells a stop to determine the noise.
     """
     stops = _group_by_stop(change)
+    # A mean of each stop, and of each condition and motion, is subtracted; one of these is redundant.
     freedom = len(stops.at) - len(stops.position) - len(set(stops.names)) + 1
     if len(stops.position) < _LEAST_STOPS or freedom < _LEAST_FREEDOM:
         return None
@@ -177,9 +179,9 @@ def preload_profile(
     statistic, limit, best = largest_contrast(
         means, noise, freedom, stops.nut, basis, places, assumptions.local_alarm
     )
-    # The smooth part of Y is taken from the frequencies, the local part from the deviations of the cells.
-    # Which smooth part the deviations are without depends on the weights of the cells: it is added to them,
-    # and is uncertain by its own size.
+    # The smooth part of Y is that of the frequencies, the local part that of the deviations. The smooth curve
+    # of a run depends on the weights of its cells, so a smooth part may be missing in the deviations: it is
+    # added, with a standard uncertainty of its own size.
     smooth = _projection(stops.mean(change.y) - means, stops.count, basis)
     u, covariance = _smoothed(means + smooth, noise, stops, change, fused, np.outer(smooth, smooth))
     position, ratio = [], []
@@ -209,7 +211,7 @@ def preload_profile(
 
 
 def windows(count: int) -> list[tuple[int, int]]:
-    """All sets of neighbouring stops that may be a worn place.
+    """All groups of neighbouring stops that may be a worn place.
 
     Parameters
     ----------
@@ -219,7 +221,7 @@ def windows(count: int) -> list[tuple[int, int]]:
     Returns
     -------
     list of (int, int)
-        First stop and one past the last, of at most a third of the stops.
+        Index of the first stop, and of the last plus 1; at most a third of the stops, at least one.
     """
     widest = max(int(count * _MOST_WORN), 1)
     places: list[tuple[int, int]] = []
@@ -239,13 +241,13 @@ def largest_contrast(
 ) -> tuple[float, float, int]:
     """The place with the largest contrast, and its limit for an axis without local wear.
 
-    The contrast of a place is the loss common to its stops, with a smooth change along the axis fitted to all
-    stops, over its standard deviation.
+    The contrast of a place is the change common to its stops over its standard deviation, in a fit of this
+    change and of a smooth change along the axis to all stops.
 
     Parameters
     ----------
     means : ndarray, shape (stops,)
-        Mean deviation of each stop.
+        Mean of Y over the cells of each stop.
     noise : ndarray, shape (stops,)
         Variance of each mean.
     freedom : int
@@ -253,7 +255,7 @@ def largest_contrast(
     nut : ndarray, shape (stops,)
         The nut's share at each.
     basis : ndarray, shape (stops, k)
-        Smooth changes along the axis.
+        Changes of Y that are smooth along the axis.
     places : sequence of (int, int)
         As :func:`windows` lists them.
     alarm : float
@@ -264,10 +266,11 @@ def largest_contrast(
     statistic, limit : float
         In standard deviations; a loss of preload is positive.
     best : int
-        Index of the place.
+        Index in ``places`` of that with the largest contrast.
     """
     weight = 1 / np.sqrt(noise)
     smooth = np.linalg.qr(weight[:, None] * basis)[0]
+    # Weighted change of Y by each place, without its smooth part, and of length 1; 0 where nothing remains.
     shapes = np.zeros((len(places), len(means)))
     for shape, (first, past) in zip(shapes, places, strict=True):
         shape[first:past] = nut[first:past]
@@ -296,10 +299,8 @@ def _group_by_stop(change: ComplianceChange) -> _Stops:
 
 
 def _deviations(run: Run, change: ComplianceChange, curved: bool) -> Array:
-    """Contribution to Y of each cell's deviation from the smooth curve of its run."""
-    cells = {}
-    for cell in run.cells:
-        cells[cell.key.rounded] = cell
+    """Change of Y by the deviation of each cell from the smooth curve of its run, shape (n,)."""
+    cells = {cell.key.rounded: cell for cell in run.cells}
     f, deviation = change.frequency.copy(), np.full(len(change.y), np.nan)
     keys = zip(change.position.tolist(), change.condition, change.motion, strict=True)
     for row, (x, condition, motion) in enumerate(keys):
@@ -310,26 +311,27 @@ def _deviations(run: Run, change: ComplianceChange, curved: bool) -> Array:
             deviation[row] = match.deviation_Hz
     smooth = _smooth_frequency(change.position, f, curved)
     deviation = np.where(np.isnan(deviation), f - smooth, deviation)
-    # The frequency of a cell may already contain a part of its deviation: only the rest is added.
+    # A frequency f may contain a part of the cell's deviation already: only the rest is added, as the change
+    # of Y from f to the smooth curve plus the deviation.
     return np.asarray((1 + change.y) * ((f / (smooth + deviation)) ** 2 - 1))
 
 
 def _smooth_frequency(position: Array, frequency: Array, curved: bool) -> Array:
-    """Frequency without local wear: of a compliance that is a line or parabola along the axis."""
+    """Frequencies (Hz) of a compliance that is a line or parabola along the axis, fitted to those given."""
     x = (position - position.mean()) / max(float(np.ptp(position)), 1e-9)
     basis = np.vander(x, 3 if curved else 2)
-    compliance = basis @ np.linalg.lstsq(basis, frequency**-2.0, rcond=None)[0]
+    compliance = basis @ np.linalg.lstsq(basis, frequency**-2.0, rcond=None)[0]  # up to a factor
     return np.asarray(1 / np.sqrt(np.maximum(compliance, 1e-12)))
 
 
 def _smooth_basis(stops: _Stops, curved: bool) -> Array:
-    """Smooth changes of Y along the axis, in which the nut's compliance changes by a line or parabola."""
+    """Changes of Y by changes of the nut's compliance that are powers of x, shape (stops, 2 or 3)."""
     x = (stops.position - stops.position.mean()) / float(np.ptp(stops.position))
     return np.asarray(stops.nut[:, None] * np.vander(x, 3 if curved else 2))
 
 
 def _without_condition_means(values: Array, stops: _Stops) -> Array:
-    """Values less the mean deviation of each condition and motion from the stops' means.
+    """Values of the cells less the mean deviation of their condition and motion from the stops' means.
 
     Iterated, since not every stop has every condition.
     """
@@ -342,7 +344,7 @@ def _without_condition_means(values: Array, stops: _Stops) -> Array:
 
 
 def _projection(means: Array, counts: Array, basis: Array) -> Array:
-    """Smooth part of the stops' means, by least squares weighted with the number of cells."""
+    """Smooth part of the stops' means: their fit by the basis, weighted with the number of cells."""
     weight = np.sqrt(counts)[:, None]
     return np.asarray(basis @ np.linalg.lstsq(weight * basis, weight[:, 0] * means, rcond=None)[0])
 
@@ -350,16 +352,16 @@ def _projection(means: Array, counts: Array, basis: Array) -> Array:
 def _smoothed(
     y: Array, noise: Array, stops: _Stops, change: ComplianceChange, fused: FusedChange, further: Array
 ) -> tuple[Array, Array]:
-    """Estimate u = (P/P₀)^(−1/3) at the stops by a Gaussian process; with its covariance.
+    """Estimate u = (P/P₀)^(−1/3) at the stops, shape (stops,), by a Gaussian process; with its covariance.
 
-    ``y`` is the mean Y of each stop and ``noise`` its variance, shape (stops,); ``further`` is the covariance
-    of further errors, shape (stops, stops).
+    ``y`` is the mean Y of each stop and ``noise`` its variance by the scatter of the cells, shape (stops,);
+    ``further`` is the covariance of further errors, shape (stops, stops).
     """
     count, nut = len(stops.position), stops.nut
     # Matrix of the mean over the cells of each stop, shape (stops, cells).
     mean = (stops.at == np.arange(count)[:, None]) / stops.count[:, None]
     errors = mean @ change_covariance(change) @ mean.T + further
-    # The scatter includes the cells' own errors, which are in the covariance already: the rest is added.
+    # The scatter contains the cells' own errors, which are in the covariance already: the rest is added.
     own_variance = change.floor**2
     if change.own is not None:
         own_variance = own_variance + change.own**2
@@ -368,7 +370,7 @@ def _smoothed(
     distance = stops.position[:, None] - stops.position[None]
     correlation = np.exp(-0.5 * (distance / _LENGTH) ** 2)
     deviation = y - fused.level * nut
-    best = -math.inf
+    best = -math.inf  # log likelihood
     departure, covariance = np.zeros(count), np.zeros((count, count))
     for size in _SIZES.tolist():
         prior = size**2 * correlation + 1.0  # + 1: a constant with a standard deviation of 1, nearly free
@@ -379,11 +381,12 @@ def _smoothed(
             best = log_likelihood
             gain = np.linalg.solve(total, (prior * nut[None]).T).T
             departure, covariance = gain @ deviation, prior - gain @ (prior * nut[None]).T
+    # A small variance is added so that rounding makes none negative.
     return np.asarray(1 + fused.level + departure), covariance + 1e-12 * np.eye(count)
 
 
 def _ratio_quantity(u: float, spread: float) -> Quantity | None:
-    """P over its reference; None where its interval has no upper end."""
+    """P/P₀ = u⁻³ from u and its standard uncertainty; None where its interval has no upper end."""
     half = NORMAL_95 * spread
     if not u - half > _LEAST_U:
         return None
@@ -392,7 +395,7 @@ def _ratio_quantity(u: float, spread: float) -> Quantity | None:
 
 
 def _loss(u: Array, covariance: Array, inside: NDArray[np.bool_], share_uncertainty: float) -> Quantity:
-    """Relative loss of preload at the stops ``inside`` a place against the others."""
+    """Loss of preload at the stops ``inside`` a place, relative to the mean of the others."""
     mean_inside, mean_outside = inside / inside.sum(), ~inside / (~inside).sum()  # weights of two means
     u_inside, u_outside = max(float(mean_inside @ u), _LEAST_U), max(float(mean_outside @ u), _LEAST_U)
     ratio = u_inside / u_outside
@@ -408,12 +411,12 @@ def _loss(u: Array, covariance: Array, inside: NDArray[np.bool_], share_uncertai
 def _by_group(
     y: Array, change: ComplianceChange, stops: _Stops, noise: float
 ) -> tuple[tuple[str, Quantity], ...]:
-    """P over its reference from the cells of each condition and motion alone."""
+    """P/P₀ from the cells of each condition and motion alone; ``noise`` is the standard deviation of Y."""
     ratios = []
     for name, cells in stops.groups().items():
         nut = change.nut[cells]
         information = float(nut @ nut)
-        u = 1 + float(nut @ y[cells]) / information
+        u = 1 + float(nut @ y[cells]) / information  # least squares of Y = s (u − 1)
         quantity = _ratio_quantity(u, noise / math.sqrt(information))
         if quantity is not None:
             ratios.append((name, quantity))

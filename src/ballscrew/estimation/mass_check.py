@@ -3,7 +3,7 @@
 The equivalent mass of a run is force over acceleration. A heavier load increases it, and so does a torque
 constant that has drifted as the motor warmed up. They differ in their other effects: a load changes every
 frequency and the ratio of the rotor-free to the rotor-held one; a torque constant changes neither, but
-friction appears to change in the same proportion as the mass. The rule:
+friction appears to change in the same proportion as the mass. The rules:
 
 1. The equivalent mass has not changed significantly, at 95 %: the declared load stands. If all observations
    together give odds of ten that it is wrong all the same, the run is refused.
@@ -34,7 +34,7 @@ from ballscrew.modal.run import RigidBodyResult, Run
 
 Decision = Literal["declared", "corrected", "torque", "undecided", "unknown"]
 _LEAST_VALUE = 1e-9  # kg, N or N s/m: a mass or friction that is not larger has no logarithm to compare
-_LARGEST_UNCERTAINTY = 10.0  # relative, from which a value is not used
+_LARGEST_UNCERTAINTY = 10.0  # relative standard uncertainty from which a value is not used
 
 _Uncertain = tuple[float, float]  # value and standard uncertainty
 
@@ -51,14 +51,14 @@ class MassCheck:
     change : Quantity or None
         Of the equivalent mass since the baseline beyond the declared change of the load, kg.
     correction : float
-        Correction of the declared load, kg.
+        Correction of the declared load, which is added to it, kg.
     standard_uncertainty : float
-        Of the run's load, kg, where the masses determine it.
+        Of the run's load, kg, where the masses determine it; 0 where the declared load stands.
     text : str
-        The decision and its reason.
+        The decision and its reason in words.
     undetectable : float
-        A plausible error of the load that the masses would not show, kg, where it would change the preload
-        by more than its own interval; else 0.
+        Largest plausible error of the load that the masses would not show, kg, where it would change the
+        preload by more than the half-width of its interval; else 0.
     refused : bool
         Whether the load is too uncertain to estimate the preload.
     """
@@ -105,26 +105,26 @@ def mass_changes(
     """
     if baseline is None:
         return None
-    now = _repeated(run.rigid_body, "equivalent_mass_kg", assumptions.repeats)
-    then = _repeated(baseline.rigid_body, "equivalent_mass_kg", assumptions.repeats)
+    now = _with_repeatability(run.rigid_body, "equivalent_mass_kg", assumptions.repeats)
+    then = _with_repeatability(baseline.rigid_body, "equivalent_mass_kg", assumptions.repeats)
     if now is None or then is None or run.mass_kg is None or baseline.mass_kg is None:
         return None
     (mass, spread), (before, spread_before) = now, then
     expected = before + run.mass_kg - baseline.mass_kg
     if expected <= 0:
         return None
-    spread = math.hypot(spread / mass, spread_before / before, assumptions.mass_repeats)
+    relative_spread = math.hypot(spread / mass, spread_before / before, assumptions.mass_repeats)
     friction = {}
     for name in ("viscous_N_s_per_m", "coulomb_N"):
-        new, old = _repeated(run.rigid_body, name), _repeated(baseline.rigid_body, name)
+        new, old = _with_repeatability(run.rigid_body, name), _with_repeatability(baseline.rigid_body, name)
         if new is not None and old is not None:
             friction[name] = math.log(new[0] / old[0]), math.hypot(new[1] / new[0], old[1] / old[0])
     coulomb_change, _ = friction.get("coulomb_N", (0.0, 0.0))
     ratio, ratio_spread = _frequency_ratio_change(run, baseline, model)
     return MassChanges(
         inertia=math.log(mass / expected),
-        # Friction that changes is an error of the mass.
-        inertia_spread=math.hypot(spread, assumptions.mass_friction * coulomb_change),
+        # A change of the friction makes an error of the fitted mass.
+        inertia_spread=math.hypot(relative_spread, assumptions.mass_friction * coulomb_change),
         by_load=1 / expected,
         frequency_ratio=ratio,
         frequency_ratio_spread=ratio_spread,
@@ -140,7 +140,7 @@ def check_mass(
     sensitivity: float,
     assumptions: Assumptions,
 ) -> MassCheck:
-    """Decide by the rule of this module whether the declared load stands.
+    """Decide by the rules of this module whether the declared load stands.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def check_mass(
     causes : sequence of PossibleCause
         Compared on all observations.
     sensitivity : float
-        Change of the preload per kg of load, in standard uncertainties of the preload, 1/kg.
+        Change of the preload per kg of load over the standard uncertainty of the preload, 1/kg.
     assumptions : Assumptions
         Whether the torque is trusted, and the odds that decide.
 
@@ -197,7 +197,11 @@ def check_mass(
 def _without_change(
     change: Quantity, found: str, plausible: float, sensitivity: float, load: float, assumptions: Assumptions
 ) -> MassCheck:
-    """Rule 1: the equivalent mass has not changed; ``plausible`` is the size of an error of the load, kg."""
+    """Rule 1: the equivalent mass has not changed significantly.
+
+    ``found`` is the beginning of the sentence, ``plausible`` the standard deviation of an error of the load
+    (kg), and ``load`` the probability that it is wrong.
+    """
     spread = change.standard_uncertainty
     if load > assumptions.priors.load_odds * (1 - load):
         text = (
@@ -219,14 +223,18 @@ def _without_change(
 def _undecided(
     change: Quantity, found: str, sensitivity: float, load: float, torque: float, assumptions: Assumptions
 ) -> MassCheck:
-    """Rule 4: load and torque constant are about equally probable."""
+    """Rule 4: the odds of a wrong load against a drifted torque constant do not decide.
+
+    ``found`` is the beginning of the sentence; ``load`` and ``torque`` are the probabilities of the two.
+    """
     found += ", and a wrongly declared load explains it about as well as a drifted torque constant"
     size = abs(change.value)
     if size * sensitivity > assumptions.priors.separation:
         text = f"{found}: the preload cannot be estimated"
         return MassCheck("undecided", change, 0.0, size, text, refused=True)
     part = load / max(load + torque, 1e-12)  # of the change that is corrected
-    to_farther_end = size * max(part, 1 - part) / NORMAL_95  # none or all of the change lie in the interval
+    # The 95 % interval about this correction contains no correction and that of the whole change.
+    to_farther_end = size * max(part, 1 - part) / NORMAL_95
     spread = math.hypot(to_farther_end, part * change.standard_uncertainty)
     text = f"{found}: the interval contains the preload with and without the correction"
     return MassCheck("undecided", change, part * change.value, spread, text)
@@ -239,30 +247,31 @@ def _describe_odds(more: float, less: float) -> str:
     return "more than 1000 times as probable"
 
 
-def _repeated(body: RigidBodyResult, name: str, repeats: float = 0.0) -> _Uncertain | None:
+def _with_repeatability(body: RigidBodyResult, name: str, repeats: float = 0.0) -> _Uncertain | None:
     """Value and repeatability of a rigid-body result; None where missing or too uncertain.
 
-    What friction and filters do to the fit is alike in both runs. Where a run states no repeatability, the
-    part ``repeats`` of its variance is taken as common to both runs.
+    Errors of the fit by friction and filters are alike in both runs. Where a run states no repeatability, the
+    part ``repeats`` of the variance is taken as common to both runs.
     """
-    value, spread = getattr(body, name), body.standard_uncertainty.get(name)
-    if value is None or spread is None:
+    value, whole_spread = getattr(body, name), body.standard_uncertainty.get(name)
+    if value is None or whole_spread is None:
         return None
-    spread = body.repeatability.get(name, math.sqrt(1 - repeats) * spread)
+    spread = body.repeatability.get(name, math.sqrt(1 - repeats) * whole_spread)
     if not (value > _LEAST_VALUE and 0 <= spread < _LARGEST_UNCERTAINTY * value < math.inf):
         return None
     return float(value), float(spread)
 
 
 def _frequency_ratio_change(run: Run, baseline: Run, model: AxialModel) -> tuple[float | None, float | None]:
-    """Change of ln (f_free/f_held)² beyond that of the declared loads, and its standard uncertainty.
+    """Change of ln (f_free/f_held)² beyond that by the declared loads, and its standard uncertainty.
 
-    The uncertainty is that of a cell and not of a mean, since the error is common to all cells.
+    (f_free/f_held)² is 1 + m_t/m_r with the moving mass m_t and the rotor's m_r. Both results are medians
+    over the cells; the uncertainty is that of a single cell, since the error is common to all cells.
     """
     if not math.isfinite(model.rotor) or run.mass_kg is None or baseline.mass_kg is None:
         return None, None
-    fixed = model.rotor + model.mass
-    declared = math.log((fixed + run.mass_kg) / (fixed + baseline.mass_kg))
+    without_load = model.rotor + model.mass
+    declared = math.log((without_load + run.mass_kg) / (without_load + baseline.mass_kg))
     now, then = _frequency_ratios(run), _frequency_ratios(baseline)
     changes, spreads = [], []
     for cell in now.keys() & then.keys():
@@ -274,7 +283,7 @@ def _frequency_ratio_change(run: Run, baseline: Run, model: AxialModel) -> tuple
 
 
 def _frequency_ratios(run: Run) -> dict[CellKey, _Uncertain]:
-    """Value of ln (f_free/f_held)² in each cell that has both frequencies."""
+    """Value of ln (f_free/f_held)² and its standard uncertainty in each cell that has both frequencies."""
     ratios = {}
     for cell in run.cells:
         ratio = _frequency_ratio(cell)

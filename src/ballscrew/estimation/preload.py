@@ -60,8 +60,10 @@ from ballscrew.estimation.verdict import (
 from ballscrew.modal.run import Run
 
 _LEAST_CORRECTION = 0.05  # % of the preload below which a correction is not reported
-_LEAST_CURVATURE = 1e-3  # relative, of the compliance over the travel: with less it is a line, not a parabola
-# Of the moving mass: beyond it the result depends on the model's mass more than on the nut.
+# Curve of the model times the square of the travel, below which the compliance is a line and not a parabola.
+_LEAST_CURVATURE = 1e-3
+# Largest difference of the loads of run and baseline, as a part of the moving mass: beyond it the result
+# depends on the model's mass more than on the nut.
 _MOST_LOAD_CHANGE = 0.25
 
 
@@ -120,17 +122,19 @@ def preload(
         reasons=(),
         made=Made(inputs=inputs, settings=asdict(assumptions) | {"accept": sorted(set(accept))}),
     )
-    reason = _why_not_comparable(run, baseline)
+    reason = _why_refused(run, baseline)
     if reason:
         refusal = _refuse(refusal, reason, *doubts_of_calibration(model, accept))
-        return limit_released(refusal, run, baseline, model) if run.quality.verdict == "good" else refusal
+        if run.quality.verdict == "good":
+            return limit_released(refusal, run, baseline, model)
+        return refusal
     base = None if baseline is None else frequency_table(baseline)
     comparison = _RunComparison(frequency_table(run), base, model, assumptions)
     return _estimate(refusal, comparison, run, baseline, more)
 
 
-def _why_not_comparable(run: Run, baseline: Run | None) -> str:
-    """Reason to refuse a run before any estimate; empty if there is none."""
+def _why_refused(run: Run, baseline: Run | None) -> str:
+    """Reason to refuse the estimate before any number is computed; empty if there is none."""
     if run.quality.verdict == "bad":
         return "the measurement is bad: " + "; ".join(run.quality.reasons or ("it was refused",))
     table = frequency_table(run)
@@ -200,7 +204,7 @@ def _check_same_test(other: Run, name: str, run: Run, model: CalibratedAxis) -> 
 
 @dataclass(frozen=True)
 class _RunComparison:
-    """A run and its reference: a baseline, or the model where ``base`` is None."""
+    """Frequencies of a run and of its reference: a baseline, or the model where ``base`` is None."""
 
     table: FrequencyTable
     base: FrequencyTable | None
@@ -215,10 +219,11 @@ class _RunComparison:
         return self.table.temperature - self.base.temperature
 
     def change(self, reference_ratio: float, correction: float, ratio: float) -> ComplianceChange:
-        """Change of the compliance.
+        """Change of the compliance in each cell of the run against its reference.
 
-        ``reference_ratio`` is P₀/P_ref, ``correction`` that of the declared load (kg), and ``ratio`` the P/P₀
-        for which the softening of the nut by the test's own load is corrected.
+        ``reference_ratio`` is P₀/P_ref (only with a baseline), ``correction`` is added to the declared load
+        (kg), and ``ratio`` is the P/P₀ for which the softening of a worn nut by the test's own load is
+        corrected.
         """
         model, bearing_share = self.model.model, self.model.bearing_share
         if self.base is None:
@@ -233,7 +238,10 @@ class _RunComparison:
     def fuse(
         self, reference_ratio: float, mass: MassCheck | None = None
     ) -> tuple[ComplianceChange, FusedChange, float]:
-        """The change, all its cells fused, and the P/P₀ for which the load on a worn nut is corrected."""
+        """Change in each cell, the same fused, and the P/P₀ for which the load on a worn nut is corrected.
+
+        A mass check adds its correction of the declared load, and its uncertainty of the load.
+        """
         correction = 0.0
         if mass is not None:
             correction = mass.correction
@@ -248,7 +256,11 @@ class _RunComparison:
     def fuse_by_model(
         self, mass: MassCheck | None, fused: FusedChange
     ) -> tuple[ComplianceChange, FusedChange]:
-        """The change against the model and its cells fused, with the misfit of those against the baseline."""
+        """Change against the model in each cell, and the same fused.
+
+        If the uncertainty of ``fused``, the change against the baseline, contains a misfit of the cells, that
+        of the result contains it too.
+        """
         change, by_model, _ = replace(self, base=None).fuse(1.0, mass)
         return change, with_misfit_of(by_model, fused)
 
@@ -256,7 +268,7 @@ class _RunComparison:
 def _estimate(
     refusal: PreloadEstimate, comparison: _RunComparison, run: Run, baseline: Run | None, more: Sequence[Run]
 ) -> PreloadEstimate:
-    """The estimate of a run with frequencies; ``refusal`` is the estimate without numbers."""
+    """Estimate of a run with frequencies; ``refusal`` is the refused one, which the results complete."""
     model, assumptions = comparison.model, comparison.assumptions
     doubts = doubts_of_calibration(model, refusal.made.settings["accept"])
     samples = PosteriorSamples(model, comparison.base, assumptions)
@@ -270,9 +282,9 @@ def _estimate(
     # The change of the nut by all cells, and its possible causes.
     change, fused, ratio = comparison.fuse(reference_ratio)
     masses = mass_changes(run, baseline, model.model, assumptions)
-    ratio_of_bearing = bearing_over_nut(change, fused)
+    bearing_to_nut = bearing_over_nut(change, fused)
     baselines = () if baseline is None else (baseline,)
-    of_nut = nut_evidence(run, baselines, model, assumptions, ratio_of_bearing)
+    of_nut = nut_evidence(run, baselines, model, assumptions, bearing_to_nut)
     evidence = gather_evidence(
         change,
         masses,
@@ -283,7 +295,7 @@ def _estimate(
     )
     causes = compare_causes(evidence, assumptions)
     doubts = [*lost_end(change, fused, model.model, assumptions), *doubts]
-    # The declared load is checked; where it is wrong, the change is estimated anew.
+    # The declared load is checked; where it is wrong or uncertain, the change is estimated anew.
     mass = _check_load(comparison, masses, causes, change, fused)
     if mass is not None and (mass.correction or mass.standard_uncertainty):
         change, fused, ratio = comparison.fuse(reference_ratio, mass)
@@ -311,8 +323,8 @@ def _estimate(
         return _refuse(refusal, why_unbounded(fused, causes), *doubts)
     # Local wear and the verdict.
     curved = abs(model.model.curve) * float(np.ptp(change.position)) ** 2 > _LEAST_CURVATURE
-    by_share = share_uncertainty(model, assumptions)
-    profile = preload_profile(run, baseline, change, fused, by_share, curved, assumptions)
+    share_spread = share_uncertainty(model, assumptions)
+    profile = preload_profile(run, baseline, change, fused, share_spread, curved, assumptions)
     low, high = estimate.relative_interval
     causes, nut_or_bearing = attribute_change(causes, of_nut, changed=not low <= 1 <= high)
     estimate = replace(estimate, profile=profile, causes=causes, nut_or_bearing=nut_or_bearing)
@@ -320,7 +332,7 @@ def _estimate(
     screw = warm_screw_doubts(comparison.table, comparison.base, calibrated=samples.has_known_baseline)
     reasons += [*temperature.reasons, *screw, *doubts]
     notes = estimate_notes(estimate, run, baseline, model)
-    nut_reasons = reasons + why_nut_uncertain(estimate, of_nut, ratio_of_bearing)
+    nut_reasons = reasons + why_nut_uncertain(estimate, of_nut, bearing_to_nut)
     estimate = replace(
         estimate,
         verdict=_verdict(reasons),
@@ -338,12 +350,12 @@ def _refuse(refusal: PreloadEstimate, *reasons: str) -> PreloadEstimate:
 
 
 def _verdict(reasons: Sequence[str]) -> str:
-    """Verdict by the reasons against it."""
+    """Suspect if there are reasons, else good."""
     return "suspect" if reasons else "good"
 
 
 def _nut_verdict(estimate: PreloadEstimate, reasons: Sequence[str]) -> str:
-    """Verdict on the nut's preload: refused where its interval has no upper end."""
+    """Verdict on the nut's preload: refused without one, where its interval has no upper end."""
     if estimate.relative_to_baseline is None and estimate.relative_to_model is None:
         return "refused"
     return _verdict(reasons)
@@ -360,8 +372,8 @@ def _check_load(
     if comparison.base is None:
         return None
     by_share = abs(fused.level) * comparison.model.standard_uncertainty("share")
-    uncertainty = max(math.hypot(fused.spread, by_share), 1e-12)
-    sensitivity = abs(float(fused.weights @ change.by_load)) / uncertainty  # of u, per kg
+    uncertainty = max(math.hypot(fused.spread, by_share), 1e-12)  # of u
+    sensitivity = abs(float(fused.weights @ change.by_load)) / uncertainty  # du/d load over it, 1/kg
     return check_mass(masses, causes, sensitivity, comparison.assumptions)
 
 
@@ -372,7 +384,7 @@ def _describe_corrections(
     ratio: float,
     mass: MassCheck | None,
 ) -> list[str]:
-    """The corrections for the load on the table and on the nut, in words."""
+    """The corrections for the load on the table (kg) and on a worn nut (% of the preload), in words."""
     corrections, load = [], 0.0
     if mass is not None and mass.correction:
         load = mass.correction
@@ -380,7 +392,7 @@ def _describe_corrections(
     uncorrected = replace(comparison, assumptions=replace(comparison.assumptions, nut_load=0.0))
     u_uncorrected = 1 + float(fused.weights @ uncorrected.change(reference_ratio, load, ratio).y)
     if fused.u > 0 and u_uncorrected > 0:
-        percent = 100 * ((u_uncorrected / fused.u) ** 3 - 1)
+        percent = 100 * ((u_uncorrected / fused.u) ** 3 - 1)  # change of P = u⁻³ P₀ by the correction
         spread = 100 * 3 * fused.terms[WORN_NUT][0] / fused.u  # %, d ln P = −3 du/u
         if abs(percent) >= _LEAST_CORRECTION:
             corrections.append(f"load on a worn nut: {percent:+.1f} % ± {spread:.1f} % of the preload")
@@ -388,7 +400,7 @@ def _describe_corrections(
 
 
 def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> TemperatureCorrection:
-    """Correction for the temperature, with its effect fitted to further baselines."""
+    """Correction for the temperature, the effect of which is fitted to the baselines ``more`` too."""
     base, table, assumptions = comparison.base, comparison.table, comparison.assumptions
     if base is None:
         return NO_CORRECTION
@@ -397,14 +409,14 @@ def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> 
         return NO_CORRECTION
     tables = []
     for other in map(frequency_table, more):
-        used = other.id == table.id
-        if comparison.model.temperature is not None:  # the slope of the calibration contains its own runs
-            used = used or comparison.model.group_of(other.id) is not None
-        if other.temperature is not None and paired_cells(other, base)[0] and not used:
+        is_used = other.id == table.id
+        if comparison.model.temperature is not None:  # the calibration's slope was fitted to its own runs
+            is_used = is_used or comparison.model.group_of(other.id) is not None
+        if other.temperature is not None and paired_cells(other, base)[0] and not is_used:
             tables.append(other)
 
     def change_of(other: FrequencyTable) -> ComplianceChange:
-        """Of the new nut: the slope hardly depends on P₀/P_ref."""
+        """Change of another baseline since the first, at P₀/P_ref = 1: the slope hardly depends on it."""
         return replace(comparison, table=other).change(reference_ratio=1.0, correction=0.0, ratio=1.0)
 
     baselines = further_baselines(base, tables, change_of, assumptions)
@@ -414,12 +426,12 @@ def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> 
         baselines,
         assumptions,
         prior=comparison.model.temperature,
-        within=ranges / math.sqrt(12),
+        within=ranges / math.sqrt(12),  # standard deviation of a uniform distribution of this range
     )
 
 
 def _with_load_uncertainty(change: ComplianceChange, spread: float) -> ComplianceChange:
-    """The change with the load's uncertainty by the mass check (kg) in place of the assumed one."""
+    """The change with ``spread``, the load's uncertainty by the mass check (kg), in place of the assumed."""
     terms = []
     for term in change.terms:
         if term.name == DECLARED_LOAD:

@@ -2,9 +2,9 @@
 
 ln P of a run against the first baseline changes in proportion to the difference of their temperatures; the
 factor is called the slope. Its prior is that of the calibration, where its runs determine one; further
-baselines are added (:func:`~ballscrew.calibration.temperature.fit_temperature_slope`). The run that is
-corrected is compared with the same baseline, so its error and that of the slope are correlated; the
-covariance is returned too.
+baselines are added (:func:`~ballscrew.calibration.temperature.fit_temperature_slope`). The slope is fitted
+against the first baseline, and the run is compared with it too, so the errors of both contain that of this
+baseline and are correlated; their covariance is returned.
 """
 
 from __future__ import annotations
@@ -33,9 +33,10 @@ from ballscrew.estimation.fusion import fuse
 from ballscrew.estimation.nut import bearing_over_nut
 from ballscrew.modal.run import Run
 
-# Distance from the baselines' range over that range, above which an extrapolation is reported.
+# Distance of a temperature from the range of those fitted, over that range, above which an extrapolation is
+# reported.
 _EXTRAPOLATION = 1.0
-_LEAST_SPREAD = 1e-4  # standard uncertainty of u: no run is more certain
+_LEAST_SPREAD = 1e-4  # least standard uncertainty of u of a run
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +48,7 @@ class TemperatureCorrection:
     shift, spread : float
         Change of ln P by the temperature, to be subtracted, and its standard uncertainty.
     shared : float
-        Covariance of the errors of ``-shift`` and of ln(P/P₀), by the first baseline.
+        Covariance of the errors of ``-shift`` and of ln(P/P₀) by the errors of the first baseline.
     name : str
         Of this term of the uncertainty, as printed.
     corrections, reasons, notes : tuple of str
@@ -73,14 +74,14 @@ class FurtherBaselines:
     Parameters
     ----------
     changes : ndarray, shape (n,)
-        Of ln P.
+        ln P of each less that of the first.
     differences : ndarray, shape (n,)
-        Of temperature, K.
+        Temperature of each less that of the first, K.
     covariance : ndarray, shape (n, n)
         Of the changes.
     baseline_spread : float
-        Standard uncertainty of ln P by the errors of the first baseline alone; its square is part of each
-        covariance.
+        Standard uncertainty of ln P by the errors of the first baseline alone; its square is part of every
+        element of ``covariance``.
     """
 
     changes: Array
@@ -97,7 +98,8 @@ def further_baselines(
 ) -> FurtherBaselines:
     """Changes of ln P of further baselines against the first.
 
-    The support bearing drifts from day to day; runs of one day share its drift.
+    The support bearing drifts from day to day; baselines of one day share its drift, and those of the first
+    baseline's day have none.
 
     Parameters
     ----------
@@ -119,15 +121,19 @@ def further_baselines(
     for other in others:
         change = change_of(other)
         fused = fuse(change)
-        of_base = math.hypot(*(fused.terms.get(name, (0.0, False))[0] for name in (BASELINE, BASELINE_PART)))
-        own = math.sqrt(max(fused.spread**2 - of_base**2, _LEAST_SPREAD**2))
+        # Standard deviations of u by the first baseline, by the other's own errors, and by the bearing.
+        no_term = (0.0, False)
+        noise, repeating = fused.terms.get(BASELINE, no_term)[0], fused.terms.get(BASELINE_PART, no_term)[0]
+        by_base = math.hypot(noise, repeating)
+        own = math.sqrt(max(fused.spread**2 - by_base**2, _LEAST_SPREAD**2))
         drift = assumptions.bearing_daily_drift / NORMAL_95 * bearing_over_nut(change, fused)
-        rows.append((fused.log_ratio, *map(fused.log_preload_spread, (own, of_base, drift))))
-    changes, own_spreads, of_bases, drifts = np.array(rows).reshape(-1, 4).T
+        rows.append((fused.log_ratio, *map(fused.log_preload_spread, (own, by_base, drift))))
+    changes, own_spreads, base_spreads, drifts = np.array(rows).reshape(-1, 4).T
     every = [base, *others]
+    # Groups without known preloads are days.
     days = np.array(preload_groups([run.id for run in every], [run.measured_at for run in every], {}))
     same_day = (days[1:, None] == days[1:]) & (days[1:] != days[0])
-    baseline_spread = float(of_bases.max(initial=0.0))
+    baseline_spread = float(base_spreads.max(initial=0.0))
     covariance = np.diag(own_spreads**2) + baseline_spread**2
     covariance += np.where(same_day, np.outer(drifts, drifts), 0.0)
     celsius = [(run.temperature or 0.0) - (base.temperature or 0.0) for run in others]
@@ -150,14 +156,14 @@ def temperature_correction(
     temperature, reference : float or None
         Of the run and of the first baseline, °C; None where it was not recorded.
     baselines : FurtherBaselines
-        To which the effect of the temperature is fitted.
+        Further baselines, to which the effect of the temperature is fitted.
     assumptions : Assumptions
         ``temperature``, the spread of a slope without prior; ``temperature_unknown``, that of a difference
         that was not recorded.
     prior : TemperatureSlope, optional
-        Of the calibration.
+        Slope of the calibration.
     within : float
-        Standard deviation of the temperature within the runs, K.
+        Standard deviation of the temperature within run and baseline together, K.
 
     Returns
     -------
@@ -168,10 +174,10 @@ def temperature_correction(
     slope = start
     if len(baselines.changes):
         slope = fit_temperature_slope(baselines.changes, baselines.differences, baselines.covariance, start)
-    size = math.hypot(slope.value, slope.standard_uncertainty)
+    rms_slope = math.hypot(slope.value, slope.standard_uncertainty)
     if temperature is None or reference is None:
         unknown = assumptions.temperature_unknown
-        spread = unknown * size
+        spread = unknown * rms_slope
         if not spread > 0:
             return NO_CORRECTION
         note = (
@@ -184,26 +190,30 @@ def temperature_correction(
     corrections: tuple[str, ...] = ()
     if shift:
         corrections = (f"temperature: {-100 * shift:+.1f} % for {difference:+.1f} K",)
-    of_fit = [float(value) for value in baselines.differences]
-    if of_fit:
-        of_fit.append(0.0)
+    # Temperatures to which the slope was fitted, less the first baseline's, K.
+    fitted = [float(value) for value in baselines.differences]
+    if fitted:
+        fitted.append(0.0)
     if start.lowest is not None and start.highest is not None:
-        of_fit += [start.lowest - reference, start.highest - reference]
+        fitted += [start.lowest - reference, start.highest - reference]
     return TemperatureCorrection(
         shift=shift,
-        spread=math.hypot(slope.standard_uncertainty * difference, size * within),
+        spread=math.hypot(slope.standard_uncertainty * difference, rms_slope * within),
         shared=-difference * slope.shared * baselines.baseline_spread**2,
         corrections=corrections,
-        reasons=_extrapolation(difference, of_fit),
+        reasons=_extrapolation(difference, fitted),
     )
 
 
 def _extrapolation(difference: float, temperatures: Sequence[float]) -> tuple[str, ...]:
-    """A sentence where run or baseline is much warmer or colder than the runs of the fit."""
+    """A sentence where run or baseline is much warmer or colder than the runs of the fit.
+
+    Temperatures are differences from the first baseline, K.
+    """
     if not temperatures or not difference:
         return ()
     low, high = min(temperatures), max(temperatures)
-    outside = max(difference - high, low - difference, -high, low)  # 0 is the first baseline
+    outside = max(difference - high, low - difference, -high, low)  # of the run, and of the baseline at 0
     if not high > low or outside <= _EXTRAPOLATION * (high - low):
         return ()
     text = f"the effect of the temperature was fitted between {low:+.1f} and {high:+.1f} K of the baseline's"
@@ -242,7 +252,7 @@ def temperature_notes(run: Run, baseline: Run | None) -> list[str]:
 
 
 def _has_screw(run: Run) -> bool:
-    """Whether the temperatures of screw and nut were both recorded."""
+    """Whether the temperatures of both screw and nut were recorded."""
     return run.temperature is not None and run.temperature.screw_above_nut_K is not None
 
 
