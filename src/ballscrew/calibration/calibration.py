@@ -50,10 +50,10 @@ def calibrate(
 ) -> CalibratedAxis:
     """Fit the axial model to the frequencies of several runs.
 
-    The most probable values given frequencies, anchors and data sheet, and their full covariance. Runs of one
-    experiment (:func:`~ballscrew.calibration.preload_groups.preload_groups`) share one preload; the first is
-    the reference. Outlying cells and runs lose weight and are named. Another form of the model replaces the
-    sheet's where the evidence for it is 20 to 1.
+    The estimates are the most probable values given frequencies, anchors and data sheet, with their full
+    covariance. Runs of one experiment (:func:`~ballscrew.calibration.preload_groups.preload_groups`) share
+    one preload; that of the first run is the reference. Outlying cells and runs lose weight and are named.
+    Another form of the model replaces the sheet's where the evidence for it is 20 to 1.
 
     Parameters
     ----------
@@ -65,8 +65,8 @@ def calibrate(
         Known preloads, N, by run id.
     assumptions : Assumptions
         Correlation of repeating errors from run to run; drift of the bearing, and correction for the test's
-        load on a worn nut, between runs of several days or preloads; effect of the temperature between those
-        of one day. The others are not used.
+        load on a worn nut, between runs of several days or preloads; effect of the temperature, and error of
+        the position, between those of one preload; limits for doubts and notes. The others are not used.
 
     Returns
     -------
@@ -153,7 +153,7 @@ def solve_calibration(
         fit = solve(scaled(fit.problem, goodness.scale), fit.unknown)
     tolerances = estimate_tolerances(form, fit.unknown[:SIZE])
     conventions = compare_conventions(form, fit, sheet)
-    temperature = slope_of_runs(given.runs, fit, given.warmth, assumptions)
+    temperature = slope_of_runs(given.runs, fit, given.temperature_error, assumptions)
     # The first group is the reference: its ratio is 1, without uncertainty.
     log_ratios = np.pad(fit.unknown[SIZE:], (1, 0))
     ratio_covariance = np.pad(fit.covariance[SIZE:, SIZE:], (1, 0))
@@ -216,7 +216,10 @@ def solve_calibration(
 def _select(
     runs: Sequence[Run], sheet: DataSheet, known: Mapping[str, Quantity], assumptions: Assumptions
 ) -> tuple[CalibrationInput, SelectedForm, list[Doubt]]:
-    """Input and selected form; runs with too many outlying cells are left out, and all is done again."""
+    """Input of the fit, selected form, and doubts by the runs that were left out.
+
+    A run with too many outlying cells is left out, and the form is selected again without it.
+    """
     omitted: list[Doubt] = []
     remaining = list(runs)
     while True:
@@ -237,7 +240,7 @@ def _select(
 def _calibration_runs(
     given: CalibrationInput, robust: RobustFit, fit: Fit, run_of: Mapping[str, Run]
 ) -> tuple[CalibrationRun, ...]:
-    """Each run that was used, in the order given; ``run_of`` is the run of each id."""
+    """Each run that was used, in the order of the fit; ``run_of`` is the run of each id."""
     log_ratios = np.pad(fit.unknown[SIZE:], (1, 0))
     spreads = np.pad(np.sqrt(np.diag(fit.covariance)[SIZE:]), (1, 0))
     used = []
@@ -247,7 +250,7 @@ def _calibration_runs(
         for cell in robust.cells:
             if cell in rows:
                 place = f"{round(1e3 * fit.problem.position[cell], 1):g} mm {table.condition[cell - rows[0]]}"
-                outliers.append(f"{place} ({1e2 * fit.residual[cell]:+.2f} %)")
+                outliers.append(f"{place} ({1e2 * fit.residual[cell]:+.2f} %)")  # residual of ln f
         used.append(
             CalibrationRun(
                 id=run.id,
@@ -268,9 +271,11 @@ def _calibration_runs(
 
 
 def _anchors(given: CalibrationInput, fit: Fit) -> tuple[Anchor, ...]:
-    """Each anchor, with the uncertainties of preload and share without it and with it."""
+    """Each anchor, with the standard uncertainties of ln P_ref and of the share without it and with it."""
+    # Rows of the fit: those of n cells, then one for each anchor.
     n, rows = len(fit.problem.position), np.arange(len(fit.problem.observed))
     share = fit.model.share
+    per_logit = share * (1 - share)  # d share / d logit
     at_share, at_preload = PARAMETERS.index("share"), PARAMETERS.index("preload")
     with_anchor = np.sqrt(np.diag(posterior_covariance(fit, rows)))
     anchors = []
@@ -285,8 +290,8 @@ def _anchors(given: CalibrationInput, fit: Fit) -> tuple[Anchor, ...]:
                 standard_uncertainty=preload * row.spread,
                 log_preload_without=float(without[at_preload]),
                 log_preload_with=float(with_anchor[at_preload]),
-                share_without=share * (1 - share) * float(without[at_share]),
-                share_with=share * (1 - share) * float(with_anchor[at_share]),
+                share_without=per_logit * float(without[at_share]),
+                share_with=per_logit * float(with_anchor[at_share]),
             )
         )
     return tuple(anchors)
@@ -304,7 +309,7 @@ def _support_doubts(sheet: DataSheet, form: ModelForm) -> list[Doubt]:
 
 
 def _spring_doubts(sheet: DataSheet) -> list[Doubt]:
-    """One for a nut that a spring preloads: corrections for the load of the test are those of two flanks."""
+    """Doubt of a nut that a spring preloads: corrections for the load of the test are those of two flanks."""
     if sheet.screw.preload_by != "spring":
         return []
     text = (
@@ -315,7 +320,7 @@ def _spring_doubts(sheet: DataSheet) -> list[Doubt]:
 
 
 def _outlier_doubts(given: CalibrationInput, robust: RobustFit) -> list[Doubt]:
-    """Runs and anchors that do not fit the others."""
+    """Doubts by runs and anchors that do not fit the others."""
     doubts = []
     for run, weight in zip(given.runs, robust.weights, strict=True):
         if weight < 1:

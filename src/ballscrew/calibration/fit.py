@@ -17,10 +17,10 @@ from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.covariance import FLOOR
 
 SIZE = len(PARAMETERS)
-_MOST_EVALUATIONS = 200
-_TOLERANCE = 1e-12
-_LEAST_VARIANCE = 1e-14  # of the largest: a direction that the prior fixes
-_CHANCE = 0.99  # probability of a misfit by chance beyond which variances are scaled
+_MOST_EVALUATIONS = 200  # of the residuals by least_squares
+_TOLERANCE = 1e-12  # relative, of steps, cost and gradient in least_squares
+_LEAST_VARIANCE = 1e-14  # of the largest in the prior: a direction with less is fixed
+_CHANCE = 0.99  # quantile of χ² by chance above which variances are scaled
 _FORM_LENGTH = 0.25  # of the travel: correlation length of the residuals by the form of the model
 
 
@@ -38,17 +38,17 @@ class Problem:
     position, load : ndarray, shape (n,)
         Of the cells, m, kg.
     group, run : ndarray of int, shape (n,)
-        Group of the preload, and run, of each cell.
+        Number of the group with one preload, and of the run, of each cell.
     observed : ndarray, shape (n + m,)
-        ln f of the cells, then the values of the m anchors.
+        ln f of the cells (f in Hz), then ln P of the m anchors (P in N).
     covariance : ndarray, shape (n + m, n + m)
-        Of these.
+        Of ``observed``.
     anchors : ndarray, shape (m, unknowns)
-        Rows of the anchors.
+        Derivatives of the anchors by the unknowns.
     mean, prior : ndarray, shape (unknowns,), (unknowns, unknowns)
-        Mean and covariance before any data; an infinite mean is fixed.
+        Mean and covariance of the unknowns before any data; an unknown with an infinite mean is fixed.
     worn_nut : ndarray, shape (n,)
-        Additional slope of ln f by ln(P/P_ref), by the test's own load on a worn nut.
+        Additional derivative of ln f by ln(P/P_ref), by the test's own load on a worn nut.
     """
 
     centre: float
@@ -70,7 +70,7 @@ class Problem:
 
     @property
     def run_groups(self) -> list[int]:
-        """Group of each run."""
+        """Number of the group of each run."""
         return [int(self.group[self.run == run][0]) for run in range(self.runs)]
 
     @property
@@ -82,12 +82,12 @@ class Problem:
         """Unknowns less the prior's mean; 0 where fixed."""
         return np.where(self.fixed, 0.0, unknown) - np.where(self.fixed, 0.0, self.mean)
 
-    def at(self, deviation: Array) -> Array:
+    def unknowns(self, deviation: Array) -> Array:
         """Unknowns from their deviation from the prior's mean."""
         return np.asarray(self.mean + deviation)
 
     def predicted(self, unknown: Array) -> Array:
-        """Rows by the model, shape (n + m,)."""
+        """Values of the rows by the model, shape (n + m,)."""
         model = from_vector(unknown[:SIZE], self.centre)
         log_ratio = self._log_ratio(unknown)
         by_model = np.log(frequency(model, self.position, self.load, np.exp(log_ratio)))
@@ -95,7 +95,7 @@ class Problem:
         return np.concatenate([by_model + self.worn_nut * log_ratio, anchors])
 
     def jacobian(self, unknown: Array) -> Array:
-        """Its derivative, shape (n + m, unknowns)."""
+        """Derivatives of :meth:`predicted` by the unknowns, shape (n + m, unknowns)."""
         model = from_vector(unknown[:SIZE], self.centre)
         slopes = gradient(model, self.position, self.load, np.exp(self._log_ratio(unknown)))
         cells = np.zeros((len(self.position), len(unknown)))
@@ -118,19 +118,19 @@ class Fit:
     problem : Problem
         Rows and prior.
     unknown : ndarray, shape (unknowns,)
-        Working vector and log ratios.
+        Working vector, and ln(P/P_ref) of each group but the first.
     covariance : ndarray, shape (unknowns, unknowns)
-        By Laplace's approximation.
+        Posterior covariance of these by Laplace's approximation.
     residual : ndarray, shape (n + m,)
-        Of the rows, not whitened.
+        Observed less predicted rows, not whitened.
     information : ndarray, shape (k, k)
-        Of the data in units of the prior's: 1 is as much as the prior.
+        Fisher information of the data on the directions, in units of the prior's: 1 is as much as the prior.
     directions : ndarray, shape (unknowns, k)
-        One standard deviation of the prior along each of k independent directions.
+        Change of the unknowns by one standard deviation of the prior along each of k independent directions.
     chi2 : float
-        Of the rows.
+        Of the whitened residuals.
     log_evidence : float
-        By Laplace's approximation.
+        ln of the probability density of the rows, by Laplace's approximation.
     """
 
     problem: Problem
@@ -171,8 +171,8 @@ class GoodnessOfFit:
 def solve(problem: Problem, start: Array | None = None) -> Fit:
     """Find the most probable unknowns by least squares.
 
-    The residuals are those of the rows, whitened by their joint covariance, and those of the prior, in whose
-    standard deviations the steps are taken.
+    The variables of the fit, z, are the deviations from the prior's mean along its independent directions, in
+    its standard deviations. The residuals are those of the rows, whitened by their joint covariance, and z.
 
     Parameters
     ----------
@@ -198,13 +198,13 @@ def solve(problem: Problem, start: Array | None = None) -> Fit:
 
     def residuals(z: Array) -> Array:
         try:
-            difference = problem.predicted(problem.at(directions @ z)) - problem.observed
+            difference = problem.predicted(problem.unknowns(directions @ z)) - problem.observed
         except InputError:  # a step to impossible parameters
             return np.full(len(problem.observed) + size, np.inf)
         return np.concatenate([solve_triangular(lower, difference, lower=True), z])
 
     def jacobian(z: Array) -> Array:
-        slopes = problem.jacobian(problem.at(directions @ z)) @ directions
+        slopes = problem.jacobian(problem.unknowns(directions @ z)) @ directions
         return np.vstack([solve_triangular(lower, slopes, lower=True), np.eye(size)])
 
     initial = np.zeros(size)
@@ -219,13 +219,13 @@ def solve(problem: Problem, start: Array | None = None) -> Fit:
             "the calibration does not converge: these frequencies fit no axis of this kind."
         )
     z, rows = result.x, len(problem.observed)
-    white, slopes = result.fun[:rows], jacobian(z)[:rows]
+    white, slopes = result.fun[:rows], jacobian(z)[:rows]  # of the rows, without the prior
     information = slopes.T @ slopes
     precision = information + np.eye(size)
     covariance = directions @ np.linalg.solve(precision, directions.T)
     log_determinant = float(np.linalg.slogdet(precision)[1]) + 2 * float(np.sum(np.log(np.diag(lower))))
     chi2 = float(white @ white)
-    unknown = problem.at(directions @ z)
+    unknown = problem.unknowns(directions @ z)
     return Fit(
         problem=problem,
         unknown=unknown,
@@ -239,13 +239,14 @@ def solve(problem: Problem, start: Array | None = None) -> Fit:
 
 
 def goodness_of_fit(fit: Fit) -> GoodnessOfFit:
-    """Residuals of the frequencies against their expected size.
+    """Compare the residuals of the frequencies with their expected size.
 
-    Forty cells on one smooth curve are two or three numbers. The floor that makes their covariance regular is
-    the form's, smooth along the stops of a run, and not another number for each cell. So χ² is a weighted sum
-    of squares, reported with the degrees of freedom of its mean and variance (Satterthwaite, 1946, DOI
-    10.2307/3002019). Parameters count as far as the data, and not the prior, determine them. Beyond 99 % of
-    chance the variances of the frequencies are scaled (after R. T. Birge, 1932), continuously from 1.
+    Forty cells on one smooth curve are two or three independent numbers. The floor is added to each cell so
+    that their covariance can be inverted, but the error that it stands for, by the form of the model, is
+    smooth along the stops of a run. So χ² is a weighted sum of squares, reported with the degrees of freedom
+    that follow from its mean and variance (Satterthwaite, 1946, DOI 10.2307/3002019). Parameters count as far
+    as the data, and not the prior, determine them. Where χ² exceeds its 99 % quantile, the variances of the
+    frequencies are scaled by the excess (after R. T. Birge, 1932), continuously from 1.
 
     Parameters
     ----------
@@ -261,18 +262,20 @@ def goodness_of_fit(fit: Fit) -> GoodnessOfFit:
     root = np.linalg.cholesky(problem.covariance)
     white = np.linalg.solve(root, fit.residual)[:n]
     slopes = np.linalg.solve(root, problem.jacobian(fit.unknown) @ fit.directions)
-    expected = problem.covariance.copy()
+    expected = problem.covariance.copy()  # of the data, with the smooth errors in place of the floor
     expected[:n, :n] += FLOOR**2 * (_form_correlation(problem) - np.eye(n))
     noise = np.linalg.solve(root, np.linalg.solve(root, expected).T)
+    # The residuals of the n cells are the projector times noise and deviation from the prior, all whitened.
     fitted = slopes @ np.linalg.solve(slopes.T @ slopes + np.eye(slopes.shape[1]), slopes.T)
     projector = (np.eye(len(root)) - fitted)[:n]
-    remaining = projector @ (noise + slopes @ slopes.T) @ projector.T
+    remaining = projector @ (noise + slopes @ slopes.T) @ projector.T  # their covariance
+    # Mean of the sum of squares, and half of its variance: scale times χ² has the same mean and variance.
     total, square = float(np.trace(remaining)), float(np.sum(remaining**2))
     if not total > 0:
         return GoodnessOfFit(0.0, 0.0)
-    degrees, size = total**2 / square, square / total
-    chi2 = float(white @ white) / size
-    excess = chi2 - 2 * float(gammaincinv(degrees / 2, _CHANCE))
+    degrees, scale = total**2 / square, square / total
+    chi2 = float(white @ white) / scale
+    excess = chi2 - 2 * float(gammaincinv(degrees / 2, _CHANCE))  # over the quantile of χ²
     if excess <= 0:
         return GoodnessOfFit(chi2, degrees)
     reason = (
@@ -291,7 +294,7 @@ def scaled(problem: Problem, scale: float) -> Problem:
 
 
 def _form_correlation(problem: Problem) -> Array:
-    """Correlation of the residuals by the form of the model, from cell to cell of a run."""
+    """Correlation of the errors by the form of the model, shape (n, n), smooth along the stops of a run."""
     x = problem.position
     length = _FORM_LENGTH * max(float(np.ptp(x)), 1e-9)
     near = np.exp(-0.5 * ((x[:, None] - x) / length) ** 2)
@@ -299,7 +302,7 @@ def _form_correlation(problem: Problem) -> Array:
 
 
 def _free_directions(covariance: Array) -> Array:
-    """Root H of a covariance, H Hᵀ, without the directions in which nothing is free."""
+    """Root H of a covariance H Hᵀ, shape (unknowns, k), without the directions that have no variance."""
     scale = np.sqrt(np.diag(covariance))
     divisor = np.where(scale > 0, scale, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(divisor, divisor))

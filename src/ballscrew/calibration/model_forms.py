@@ -15,7 +15,7 @@ from ballscrew.base.arrays import Array
 EQ3 = "Eq. (3), no rotor"
 SINGLE_END = "free rotor, fixed at one end"
 
-_STEP = 1e-6
+_STEP = 1e-6  # of each element of the working vector, in a numerical derivative
 
 _COMPLIANCE, _CURVE = PARAMETERS.index("compliance"), PARAMETERS.index("curve")
 _MASS, _ROTOR = PARAMETERS.index("mass"), PARAMETERS.index("rotor")
@@ -32,7 +32,8 @@ class ModelForm:
     mean, covariance : ndarray, shape (7,), (7, 7)
         Of the working vector.
     tolerances : mapping of str to ndarray, shape (7,)
-        Effect of one standard uncertainty of each number of the sheet; part of the covariance.
+        Effect of one standard uncertainty of each number of the sheet that has a tolerance, by its field; the
+        covariance contains them.
     """
 
     name: str
@@ -56,7 +57,7 @@ def model_forms(sheet: DataSheet, centre: float, load: float) -> tuple[ModelForm
     centre : float
         Position where the compliance is stated, m.
     load : float
-        Load at which Eq. (3) replaces a free rotor, kg: the middle of the loads measured.
+        Load at which Eq. (3) is equivalent to a free rotor, kg: the middle of the loads measured.
 
     Returns
     -------
@@ -79,23 +80,25 @@ def model_forms(sheet: DataSheet, centre: float, load: float) -> tuple[ModelForm
 def without_rotor(form: ModelForm, load: float) -> ModelForm:
     """Eq. (3) nearest to a free rotor: the same frequency, and slope over the load, at one load.
 
-    (1/(m + l) + 1/m_r)/U and 1/(m' + l)/U' agree with their slopes where m' + l = (m + l) g and U' = U/g²,
-    g = 1 + (m + l)/m_r. They differ in their curvature over the load.
+    By f² ∝ (1/(m + l) + 1/m_r)/U with a free rotor, and 1/((m' + l) U') by Eq. (3), both agree at the load l
+    with their slopes where m' + l = (m + l) g and U' = U/g², g = 1 + (m + l)/m_r. They differ in their
+    curvature over the load.
 
     Parameters
     ----------
     form : ModelForm
         With a free rotor.
     load : float
-        Where they agree, kg.
+        l, where they agree, kg.
 
     Returns
     -------
     ModelForm
-        Its rotor infinite and not free.
+        The same prior in the parameters of Eq. (3); its rotor is infinite and not fitted.
     """
 
     def transformed(vector: Array) -> Array:
+        """Working vector of Eq. (3), except its rotor."""
         out = vector.copy()
         moving = np.exp(vector[_MASS]) + load
         factor = 1 + moving / np.exp(vector[_ROTOR])

@@ -78,7 +78,7 @@ def select_form(given: CalibrationInput) -> SelectedForm:
 
 
 def common_covariance(robust_fits: Sequence[RobustFit]) -> Array:
-    """Covariance added for the outliers that several forms have in common: their mean.
+    """Covariance added for the outliers that all forms have in common: the mean over the forms.
 
     Parameters
     ----------
@@ -87,8 +87,8 @@ def common_covariance(robust_fits: Sequence[RobustFit]) -> Array:
 
     Returns
     -------
-    ndarray, shape (n, n)
-        In addition to that of the rows.
+    ndarray, shape (n + m, n + m)
+        In addition to the covariance of the rows.
     """
     first, *others = robust_fits
     added = np.zeros_like(first.fit.problem.covariance)

@@ -28,8 +28,10 @@ from ballscrew.calibration.temperature import temperature_effects, warm_screw_do
 from ballscrew.modal.run import Run
 
 _MOST_RUNS = 200
-_SCALE = 0.15  # motors' torque constants are stated to within 10 %; the rest is a margin
-_SIGMAS = 3.0
+# Largest relative error of the torque's scale: motors' torque constants are stated to within 10 %, the rest
+# is a margin.
+_SCALE = 0.15
+_SIGMAS = 3.0  # standard uncertainties of a slope that are significant
 _LOG_RATIO = 1.5  # prior standard deviation of ln(P/P_ref) of another preload: a factor of 4.5
 
 
@@ -49,17 +51,16 @@ class CalibrationInput:
         Position where the compliance is stated, m.
     forms : tuple of ModelForm
         Forms to compare; the sheet's own first.
-    covariance : ndarray
-        Of ln f.
+    covariance : ndarray, shape (n, n)
+        Of ln f of all n cells.
     reasons : tuple of Doubt
-        Runs that were left out, and suspect ones.
+        Doubts by runs that were left out or are suspect, and by what the runs have not in common.
     notes : tuple of str
         Assumptions of the grouping.
     variation : ExperimentVariation
         Between experiments.
-    warmth : ndarray
-        Effect on ln f of one standard deviation of the slope by temperature, of which the covariance
-        contains the square.
+    temperature_error : ndarray, shape (n,)
+        Effect on ln f by one standard deviation of the temperature's slope; ``covariance`` contains it.
     """
 
     runs: tuple[FrequencyTable, ...]
@@ -71,14 +72,14 @@ class CalibrationInput:
     reasons: tuple[Doubt, ...]
     notes: tuple[str, ...]
     variation: ExperimentVariation
-    warmth: Array
+    temperature_error: Array
 
     def problem(self, form: ModelForm) -> Problem:
-        """Rows and prior of one form."""
+        """Rows and prior of one form: the cells of all runs, one after the other, then the anchors."""
         counts = [len(run.frequency) for run in self.runs]
         mean = np.pad(form.mean, (0, max(self.groups)))
         log_frequency = np.log(np.concatenate([run.frequency for run in self.runs]))
-        slopes = [anchor.slopes(len(mean)) for anchor in self.anchors]
+        anchor_slopes = [anchor.slopes(len(mean)) for anchor in self.anchors]
         return Problem(
             centre=self.centre,
             position=np.concatenate([run.position for run in self.runs]),
@@ -87,7 +88,7 @@ class CalibrationInput:
             run=np.repeat(np.arange(len(self.runs), dtype=np.intp), counts),
             observed=np.concatenate([log_frequency, [anchor.log_preload for anchor in self.anchors]]),
             covariance=block_diag(self.covariance, anchor_covariance(self.anchors)),
-            anchors=np.array(slopes).reshape(-1, len(mean)),
+            anchors=np.array(anchor_slopes).reshape(-1, len(mean)),
             mean=mean,
             prior=block_diag(form.covariance, _LOG_RATIO**2 * np.eye(max(self.groups))),
             worn_nut=worn_nut_slopes(self.runs, self.variation.assumptions),
@@ -125,10 +126,12 @@ def prepare(
     groups = preload_groups(ids, times, known)
     model = from_vector(forms[0].mean, centre)
     variation = ExperimentVariation(bearing_share(sheet, model), assumptions)
-    # A bed and housings change how much of the distributed screw's form there is: 0 ± 1 times the sheet's.
+    # Error of the lumped form that the sheet predicts for a distributed screw: bed and housings change its
+    # size, so it is multiplied by 0 ± 1.
     cell_loads = np.repeat(loads, [len(table.frequency) for table in tables])
     form = form_error(sheet, centre, positions, cell_loads)
-    warmth = assumptions.temperature * temperature_effects(tables, groups, model)[0]
+    by_slope, _ = temperature_effects(tables, groups, model)
+    temperature_error = assumptions.temperature * by_slope
     covariance = relative_covariance(tables, groups, model, variation)
     return CalibrationInput(
         runs=tables,
@@ -136,11 +139,11 @@ def prepare(
         anchors=anchor_rows(tables, groups, known, sheet.table.mass),
         centre=centre,
         forms=forms,
-        covariance=covariance + np.outer(form, form) + np.outer(warmth, warmth),
+        covariance=covariance + np.outer(form, form) + np.outer(temperature_error, temperature_error),
         reasons=tuple(reasons),
         notes=grouping_notes(ids, times, known),
         variation=variation,
-        warmth=warmth,
+        temperature_error=temperature_error,
     )
 
 
@@ -164,7 +167,7 @@ def _check_runs(runs: Sequence[Run], sheet: DataSheet, known: Mapping[str, Quant
 
 
 def _usable_tables(runs: Sequence[Run]) -> tuple[tuple[FrequencyTable, ...], list[Doubt]]:
-    """Runs with usable frequencies, and doubts by the others and by suspect ones."""
+    """Tables of the runs with usable frequencies, and doubts by the other runs and by suspect ones."""
     usable, omitted, suspect = [], [], []
     for table in map(frequency_table, runs):
         name = f"run {table.id[:12]}"
@@ -182,10 +185,10 @@ def _usable_tables(runs: Sequence[Run]) -> tuple[tuple[FrequencyTable, ...], lis
 
 
 def transmission_doubts(tables: Sequence[FrequencyTable]) -> list[Doubt]:
-    """Doubt of the transmission or of the loads, by the equivalent mass of each kilogram of load.
+    """Doubt of the transmission or of the loads, by the slope of the equivalent mass over the load.
 
-    By a torque at the motor, a belt or gear of i motor turns per screw turn that the sheet does not state
-    makes it 1/i, whatever the inertias are.
+    The slope should be 1. If the torque is that of the motor, a belt or gear of i motor turns per screw turn
+    that the sheet does not state makes it 1/i, whatever the inertias are.
 
     Parameters
     ----------
@@ -195,7 +198,8 @@ def transmission_doubts(tables: Sequence[FrequencyTable]) -> list[Doubt]:
     Returns
     -------
     list of Doubt
-        Empty where the loads or masses are fewer than two, or agree with the scale of the torque.
+        Empty for fewer than two loads with a mass, or where the slope is 1 within the error of the torque's
+        scale.
     """
     known = [table for table in tables if table.equivalent_mass is not None]
     loads = np.array([table.load for table in known])
@@ -205,8 +209,8 @@ def transmission_doubts(tables: Sequence[FrequencyTable]) -> list[Doubt]:
     spreads = np.array(
         [table.equivalent_mass.standard_uncertainty for table in known if table.equivalent_mass]
     )
-    away = loads - loads.mean()
-    weights = away / float(away @ away)
+    from_mean = loads - loads.mean()
+    weights = from_mean / float(from_mean @ from_mean)  # least squares: the slope is weights @ masses
     slope, spread = float(weights @ masses), float(np.linalg.norm(weights * spreads))
     if not abs(slope - 1) > max(_SCALE, _SIGMAS * spread):
         return []

@@ -19,15 +19,15 @@ _ANCHOR_LIMIT = 3.0
 """Standard deviations from the prediction by all other rows, beyond which an anchor is named."""
 
 _MOST_OUTLIERS = 0.25
-"""Part of a run's cells of which no more may lose weight: beyond it, the run is refused."""
+"""Largest part of a run's cells that may lose weight: beyond it, the run is refused."""
 
-_ROUNDS = 24
-_NORMAL = 1.4826  # standard deviation over the median of absolute deviations
+_ROUNDS = 24  # most fits, each with less weight of another cell or run
+_NORMAL = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 
 
 @dataclass(slots=True, eq=False)
 class RobustFit:
-    """A fit that single cells and single runs do not spoil; the search for outliers fills it in.
+    """A fit with less weight of outlying cells and runs; the search for these changes it.
 
     Parameters
     ----------
@@ -36,15 +36,15 @@ class RobustFit:
     weights : ndarray, shape (runs,)
         1; less where a run lost weight.
     cells : dict of int to float
-        Rows that lost weight, and the variance that was added to each.
-    runs : dict of int to ndarray
-        Runs that lost weight, and the covariance that was added for each.
+        Rows of cells that lost weight, and the variance of ln f that was added to each.
+    runs : dict of int to ndarray, shape (n + m, n + m)
+        Runs that lost weight, and the covariance of the rows that was added for each.
     contradicting : set of int
         Runs of one preload that contradict each other; the data do not show which is wrong.
     refused : set of int
         Runs with too many outlying cells.
     anchors : tuple of (int, float)
-        Outlying anchors, and their distances in standard deviations.
+        Outlying anchors, and their distances from the prediction in standard deviations.
     unfinished : bool
         Whether more outliers remain after the last round.
     """
@@ -63,9 +63,9 @@ def fit_robustly(problem: Problem) -> RobustFit:
     """Fit; reduce the weight of the worst cell or run; fit again until all fit, or 24 times.
 
     Each row is compared with its prediction by all others, with the uncertainty of parameters and common
-    errors. An outlying row gets its own deviation as additional uncertainty; a run that of its level and
-    tilt. Where most cells deviate by more than their uncertainty, none is an outlier: a cell is then compared
-    with the scatter of the cells.
+    errors. An outlying cell gets its deviation as additional uncertainty, an outlying run that of its level
+    and tilt. Where most cells deviate by more than their uncertainty, these are no outliers: a cell is then
+    compared with the scatter of the cells.
 
     Parameters
     ----------
@@ -99,10 +99,17 @@ def fit_robustly(problem: Problem) -> RobustFit:
 
 
 def leave_one_out(fit: Fit) -> tuple[Array, Array]:
-    """Inverse covariance of the rows with the prior included, and its product with the prior's residual.
+    """Inverse covariance of the rows, prior included, and its product with their deviations from the prior.
 
     Row i deviates from its prediction by all others by ``weighted[i] / inverse[i, i]``, with a variance of
-    1 / inverse[i, i]; of a block of rows the same is true with the block's inverse.
+    1 / inverse[i, i]; for a block of rows, the inverse of the block takes the place of 1 / inverse[i, i].
+
+    Returns
+    -------
+    inverse : ndarray, shape (n + m, n + m)
+        Of the covariance of the rows about their prediction by the prior's mean.
+    weighted : ndarray, shape (n + m,)
+        ``inverse`` times the rows less that prediction.
     """
     problem, slopes = fit.problem, fit.problem.jacobian(fit.unknown)
     inverse = np.linalg.inv(problem.covariance + slopes @ problem.prior @ slopes.T)
@@ -111,7 +118,7 @@ def leave_one_out(fit: Fit) -> tuple[Array, Array]:
 
 
 def _reduce_worst(robust: RobustFit) -> Problem | None:
-    """The problem with less weight of the worst outlier; None where the search ends."""
+    """The problem with less weight of the worst outlier, which is entered in ``robust``; None at the end."""
     inverse, weighted = leave_one_out(robust.fit)
     worst = _worst(robust, inverse, weighted)
     if worst is None:
@@ -123,7 +130,7 @@ def _reduce_worst(robust: RobustFit) -> Problem | None:
 
 
 def _worst(robust: RobustFit, inverse: Array, weighted: Array) -> tuple[str, int] | None:
-    """The worst outlier: a run before its cells, since an outlying run shifts them all."""
+    """Kind and index of the worst outlier, a run before its cells, since it shifts them all; or None."""
     distances = _cell_distances(robust, inverse, weighted)
     scores = _run_scores(robust, inverse, weighted)
     cell, run = int(np.argmax(distances)), int(np.argmax(scores))
@@ -135,11 +142,11 @@ def _worst(robust: RobustFit, inverse: Array, weighted: Array) -> tuple[str, int
 
 
 def _reduce_run(robust: RobustFit, inverse: Array, weighted: Array, run: int) -> Problem | None:
-    """The problem with a level and a tilt added to the errors of a run; None where none is to blame."""
+    """The problem with a level and a tilt added to the errors of a run; None where others may be wrong."""
     problem = robust.fit.problem
     groups = np.array(problem.run_groups)
     mates = np.flatnonzero(groups == groups[run])
-    # A run is an outlier among three of its preload, and if most runs are none.
+    # A run is an outlier only among three or more of its preload, and only while most runs are none.
     if len(mates) < 3 or len(robust.runs) >= (problem.runs - 1) // 2:
         scores = _run_scores(robust, inverse, weighted)
         robust.contradicting |= {int(i) for i in mates if scores[i] > _RUN_LIMIT or int(i) in robust.runs}
@@ -167,7 +174,7 @@ def _reduce_cell(robust: RobustFit, variance: float, cell: int) -> Problem | Non
 
 
 def _cell_distances(robust: RobustFit, inverse: Array, weighted: Array) -> Array:
-    """Distance of each cell from its prediction, in its uncertainty or the scatter of the cells."""
+    """Distance of each cell from its prediction, shape (n,), over its uncertainty and the cells' scatter."""
     n, outliers = len(robust.fit.problem.position), list(robust.cells)
     distances = np.abs(weighted / np.sqrt(np.diag(inverse)))[:n]
     distances[outliers] = 0.0
@@ -179,7 +186,7 @@ def _cell_distances(robust: RobustFit, inverse: Array, weighted: Array) -> Array
 
 
 def _run_scores(robust: RobustFit, inverse: Array, weighted: Array) -> Array:
-    """χ² of the level and tilt of each run; 0 for those that have lost weight."""
+    """χ² of the level and tilt of each run, shape (runs,); 0 for those that have lost weight."""
     scores = np.zeros(robust.fit.problem.runs)
     for run in range(len(scores)):
         if run not in robust.runs:
@@ -188,7 +195,10 @@ def _run_scores(robust: RobustFit, inverse: Array, weighted: Array) -> Array:
 
 
 def _level_and_tilt(problem: Problem, inverse: Array, weighted: Array, run: int) -> tuple[float, Array]:
-    """χ² of a run's level and tilt against all other rows, and the covariance that makes them fit."""
+    """χ² of a run's level and tilt against all other rows, and the covariance by which they fit.
+
+    The covariance, shape (n + m, n + m), has the squares of both as variances.
+    """
     rows = np.flatnonzero(problem.run == run)
     x = problem.position[rows]
     basis = np.ones((len(rows), 1))

@@ -14,14 +14,14 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.calibration.fit import SIZE, Fit
 
-_IMPOSSIBLE = -1e300  # log probability
-_MOST_SHIFT = 0.3
-_RATIOS = (0.8, 1.25)
+_IMPOSSIBLE = -1e300  # log probability of impossible parameters
+_MOST_SHIFT = 0.3  # of a mean, in standard uncertainties
+_RATIOS = (0.8, 1.25)  # of a standard deviation, least and most
 
 
 @dataclass(frozen=True, slots=True)
 class SamplerCheck:
-    """Samples against the most probable point.
+    """Samples of the posterior compared with the most probable point and its covariance.
 
     Parameters
     ----------
@@ -45,10 +45,10 @@ class SamplerCheck:
 
     @property
     def agrees(self) -> bool:
-        """True where no shift exceeds 0.3 and every ratio is 0.8 to 1.25."""
+        """Whether every shift is below 0.3 and every ratio between 0.8 and 1.25."""
         low, high = _RATIOS
-        narrow = low < min(self.ratio, default=1.0) and max(self.ratio, default=1.0) < high
-        return narrow and float(np.max(np.abs(self.shift), initial=0.0)) < _MOST_SHIFT
+        ratios_agree = low < min(self.ratio, default=1.0) and max(self.ratio, default=1.0) < high
+        return ratios_agree and float(np.max(np.abs(self.shift), initial=0.0)) < _MOST_SHIFT
 
 
 def sample_posterior(fit: Fit, *, steps: int = 1500, seed: int = 0) -> SamplerCheck:
@@ -89,7 +89,7 @@ def sample_posterior(fit: Fit, *, steps: int = 1500, seed: int = 0) -> SamplerCh
 
     def log_probability(z: Array) -> float:
         try:
-            residual = problem.observed - problem.predicted(problem.at(root @ z))
+            residual = problem.observed - problem.predicted(problem.unknowns(root @ z))
         except InputError:  # impossible parameters
             return _IMPOSSIBLE
         white = solve_triangular(lower, residual, lower=True)
@@ -100,7 +100,7 @@ def sample_posterior(fit: Fit, *, steps: int = 1500, seed: int = 0) -> SamplerCh
     best = np.linalg.lstsq(root, problem.deviation(fit.unknown), rcond=None)[0]
     spread = np.linalg.cholesky(np.linalg.inv(fit.information + np.eye(size)))
     walkers = max(4 * size, 32)
-    start = best + (spread @ random.normal(size=(size, walkers))).T * 0.5
+    start = best + (spread @ random.normal(size=(size, walkers))).T * 0.5  # half as far as the samples
     sampler = emcee.EnsembleSampler(walkers, size, log_probability)
     sampler.random_state = np.random.RandomState(seed).get_state()
     sampler.run_mcmc(start, steps)

@@ -15,9 +15,12 @@ from ballscrew.calibration.calibrated_axis import Doubt, TemperatureSlope
 from ballscrew.calibration.fit import SIZE, Fit
 from ballscrew.calibration.frequency_table import FrequencyTable
 
-_INFORMATIVE = 0.5  # of the prior's standard uncertainty: runs that leave more determine no slope
-_ANY_LEVEL = 0.3  # of ln f: more than any preload changes it
-_PER_KELVIN = 0.028  # of P by a screw warmer than its nut: 14 % by 5 K (page on imitations)
+# Largest standard uncertainty of a slope, as a part of the prior's: with more the runs do not determine it.
+_INFORMATIVE = 0.5
+_ANY_LEVEL = 0.3  # standard deviation of ln f of an unknown level: more than any preload changes it
+_PER_KELVIN = (
+    0.028  # relative change of P by 1 K of the screw above its nut: 14 % by 5 K (page on imitations)
+)
 _WARMER = 2.0  # K, which is 5.6 % of P: about the half-width of a good interval
 
 
@@ -29,18 +32,18 @@ def fit_temperature_slope(
     Parameters
     ----------
     changes : ndarray, shape (n,)
-        Of ln P, or of another quantity.
+        Of ln P, or of a quantity that depends on it.
     temperatures : ndarray, shape (n,)
-        Differences of temperature, K, times the derivative of that quantity by ln P.
+        Differences of temperature, K, times the derivative of this quantity by ln P.
     covariance : ndarray, shape (n, n)
         Of the changes.
     prior : TemperatureSlope
-        Before these runs.
+        Slope before these runs.
 
     Returns
     -------
     TemperatureSlope
-        With its error by one that is common to all changes.
+        Its ``shared`` is the error by a unit error that is common to all changes.
     """
     weights = np.linalg.solve(covariance, temperatures)
     weight_of_prior = prior.standard_uncertainty**-2
@@ -50,7 +53,7 @@ def fit_temperature_slope(
 
 
 def temperature_prior(assumptions: Assumptions) -> TemperatureSlope:
-    """The slope before any run."""
+    """The slope before any run: 0 with the assumed standard uncertainty, 1/K."""
     return TemperatureSlope(0.0, max(assumptions.temperature, 1e-9))
 
 
@@ -60,9 +63,9 @@ def temperature_effects(
     model: AxialModel,
     log_ratios: Sequence[float] | Array = (),
 ) -> tuple[Array, Array]:
-    """Effect on ln f of one unit of the slope, by the temperature of each run less the mean of its group.
+    """Effect on ln f of a slope of 1/K, by the temperature of each run less the mean of its group.
 
-    Between groups, wear and temperature are not separated: each group has a preload of its own.
+    Between groups wear and temperature cannot be separated, since each group has a preload of its own.
 
     Parameters
     ----------
@@ -76,9 +79,9 @@ def temperature_effects(
     Returns
     -------
     effects : ndarray, shape (n,)
-        K; 0 for a run without a temperature.
+        Temperature difference of the cell's run times ∂ ln f/∂ ln P, K.
     differences : ndarray, shape (runs,)
-        K.
+        Temperature difference of each run, K; 0 for a run without a temperature.
     """
     celsius = np.array([math.nan if run.temperature is None else run.temperature for run in runs])
     differences = np.zeros(len(runs))
@@ -96,7 +99,7 @@ def temperature_effects(
 
 
 def slope_of_runs(
-    runs: Sequence[FrequencyTable], fit: Fit, warmth: Array, assumptions: Assumptions
+    runs: Sequence[FrequencyTable], fit: Fit, error: Array, assumptions: Assumptions
 ) -> TemperatureSlope | None:
     """Change of ln P per kelvin by runs of one day, preload and load at different temperatures.
 
@@ -106,16 +109,17 @@ def slope_of_runs(
         Of the calibration.
     fit : Fit
         Its fit.
-    warmth : ndarray, shape (n,)
-        Effect of the prior's slope on ln f, of which the covariance of the fit contains the square.
+    error : ndarray, shape (n,)
+        Effect on ln f by one standard deviation of the prior's slope; the covariance of the fit contains this
+        error, which is subtracted here.
     assumptions : Assumptions
         Prior of the slope; error of the position.
 
     Returns
     -------
     TemperatureSlope or None
-        None where the runs do not determine it better than by half of the prior's uncertainty, or where
-        times are missing: wear between them is then not excluded.
+        None where its uncertainty is more than half of the prior's, or where a run has no time: wear between
+        the runs is then not excluded.
     """
     problem, prior = fit.problem, temperature_prior(assumptions)
     n, model = len(problem.position), fit.model
@@ -124,18 +128,20 @@ def slope_of_runs(
     if not differences.any() or any(run.measured_at is None for run in runs):
         return None
     slopes = problem.jacobian(fit.unknown)[:n]
+    # Residual and covariance of ln f by the prior of the unknowns, as if they were not fitted.
     residual = fit.residual[:n] + slopes @ problem.deviation(fit.unknown)
-    covariance = problem.covariance[:n, :n] + slopes @ problem.prior @ slopes.T - np.outer(warmth, warmth)
-    # A wrong load is not taken for a temperature: each group and load has a level of its own.
+    covariance = problem.covariance[:n, :n] + slopes @ problem.prior @ slopes.T - np.outer(error, error)
+    # So that a wrong load is not taken for a temperature, each group and load has a level of its own.
     x, load = problem.position, problem.load
     alike = (problem.group[:, None] == problem.group) & (load[:, None] == load)
     covariance += _ANY_LEVEL**2 * alike
+    # Each run has a zero of the position of its own.
     shift = np.log(frequency(model, x + assumptions.position, load) / frequency(model, x, load))
     covariance += np.where(problem.run[:, None] == problem.run, np.outer(shift, shift), 0.0)
     slope = fit_temperature_slope(residual, effects, covariance, prior)
     if slope.standard_uncertainty > _INFORMATIVE * prior.standard_uncertainty:
         return None
-    used = [run.temperature for run, away in zip(runs, differences, strict=True) if away]
+    used = [run.temperature for run, difference in zip(runs, differences, strict=True) if difference]
     celsius = [value for value in used if value is not None]
     return TemperatureSlope(
         slope.value, slope.standard_uncertainty, lowest=min(celsius), highest=max(celsius)
@@ -148,7 +154,7 @@ def temperature_notes(
     slope: TemperatureSlope | None,
     assumptions: Assumptions,
 ) -> list[str]:
-    """A note where days or preloads differ in temperature, and no run shows its effect."""
+    """A note where the temperatures of days or preloads differ, and no runs determine the effect."""
     known = {(group, run.temperature) for run, group in zip(runs, groups, strict=True)}
     celsius = [value for _, value in known if value is not None]
     different = celsius and max(celsius) - min(celsius) > NORMAL_95 * assumptions.temperature_unknown
@@ -171,12 +177,12 @@ def warm_screw_doubts(runs: Sequence[FrequencyTable]) -> list[Doubt]:
 
 
 def describe_warm_screw(compared: str, excess: float | None) -> list[str]:
-    """A sentence on a screw that is warmer or colder than its nut by too much.
+    """A sentence on a screw that is warmer or colder than its nut by more than 2 K.
 
     Parameters
     ----------
     compared : str
-        Than what, and when: "than its nut in the run".
+        What the screw is compared with, and in which run: "than its nut in the run".
     excess : float or None
         Temperature of the screw above that of the nut, K; None where it was not recorded.
 
