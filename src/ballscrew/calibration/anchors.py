@@ -1,6 +1,7 @@
 """Anchors of the preload's scale, which frequencies do not determine.
 
-Known preloads, and the softening of the nut under load.
+They are known preloads, and the softening of the nut under the load of the test: it gives the mass that the
+nut accelerates over its preload.
 """
 
 from __future__ import annotations
@@ -24,19 +25,20 @@ from ballscrew.modal.run import SOFTENING_SPREAD
 SOFTENING_REPEATS = 0.8
 """Part of the variance by the softening's law (:data:`ballscrew.modal.run.SOFTENING_SPREAD`) common to runs.
 
-On one axis its error was 5 % from axis to axis and 3 % from run to run. The noise of a run is its own."""
+The error by the law varied by 5 % from axis to axis, and by 3 % from run to run of an axis. The noise of a
+run is independent of that of others."""
 
 SOFTENING_LAW = 0.08
 """Relative error of the law of the nut's softening, common to every axis and run.
 
-On random axes two acceleration levels gave mass over preload 8 % too small, ± 5 %. It is not corrected:
-whether other machines have it is unknown. So it counts as uncertainty."""
+On random axes two acceleration levels gave mass over preload 8 ± 5 % too small. Whether other machines have
+this error is unknown, so it is not corrected but counts as uncertainty."""
 
 LEVELS = math.hypot(0.05, SOFTENING_LAW)
 """Relative standard uncertainty of the preload from two acceleration levels of one run."""
 
 _MASS = 0.01  # relative uncertainty of the table's mass on a data sheet
-_LEAST_SPREAD = 1e-6  # of ln of a known preload
+_LEAST_SPREAD = 1e-6  # least standard uncertainty of the logarithm of a known preload
 _PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 
 
@@ -51,13 +53,13 @@ class AnchorRow:
     run : int
         Index of the run.
     group : int
-        Of that run.
+        Group of that run's preload.
     log_preload : float
         ln of the preload in N.
     spread : float
-        Its standard uncertainty.
+        Standard uncertainty of ``log_preload``.
     law : float
-        The part of it that is common to every anchor of the kind.
+        Contribution to it of an error that is common to every anchor of the kind.
     """
 
     kind: str
@@ -68,7 +70,7 @@ class AnchorRow:
     law: float = 0.0
 
     def slopes(self, unknowns: int) -> Array:
-        """Derivative by the unknowns."""
+        """Derivatives of ``log_preload`` by the unknowns of the fit, shape (unknowns,)."""
         row = np.zeros(unknowns)
         row[PARAMETERS.index("preload")] = 1.0
         if self.group > 0:
@@ -119,7 +121,7 @@ def anchor_rows(
     runs : sequence of FrequencyTable
         Of the calibration.
     groups : sequence of int
-        Of each run.
+        Group of each run's preload.
     known : mapping of str to Quantity
         Known preloads by run id, N.
     nut_mass : float
@@ -156,11 +158,11 @@ def _known_row(group: int, members: Sequence[int], known: Sequence[Quantity]) ->
 
 
 def anchor_covariance(rows: Sequence[AnchorRow]) -> Array:
-    """Covariance of the anchors: softenings share their law, known preloads are independent."""
+    """Covariance of the anchors' ln P, shape (m, m): softenings have common errors, known preloads none."""
     spread, law = np.array([row.spread for row in rows]), np.array([row.law for row in rows])
-    own = np.sqrt(spread**2 - law**2)
-    softening = np.array([row.kind == "nut load" for row in rows], dtype=bool)
-    repeating = math.sqrt(SOFTENING_REPEATS) * softening * np.minimum(own, SOFTENING_SPREAD)
+    without_law = np.sqrt(spread**2 - law**2)
+    is_softening = np.array([row.kind == "nut load" for row in rows], dtype=bool)
+    repeating = math.sqrt(SOFTENING_REPEATS) * is_softening * np.minimum(without_law, SOFTENING_SPREAD)
     covariance = np.outer(repeating, repeating) + np.outer(law, law)
     np.fill_diagonal(covariance, spread**2)
     return np.asarray(covariance)

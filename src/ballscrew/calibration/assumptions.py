@@ -11,7 +11,7 @@ REPEATS = 0.9
 """Correlation from run to run of a repeating error: a tenth of its variance is new in each run."""
 
 FORM = 3e-4
-"""Relative error of a frequency by the form of the model, along the travel and over the load.
+"""Relative standard uncertainty of a frequency by the form of the model, along the travel and over the load.
 
 A third of the screw moves with the table only on average: near the bearing less of it moves. Fitted to the
 exact modes of 30 axes with a bed, a distributed screw and a coupling, the model leaves residuals of 1.5 to
@@ -62,7 +62,7 @@ class Priors:
     temperature_chance, gradient_chance : float
         Prior probability of each cause; only their ratios count. ``both`` is the nut and the bearing.
     nut_size : float
-        Of u = (P/P₀)^(−1/3); a loss of half of the preload is 0.26.
+        Change of u = (P/P₀)^(−1/3); a loss of half of the preload is 0.26.
     bearing_size : float
         Relative change of the bearing's rigidity, of a worn bearing; where a drift is stated, that counts.
     position_size : float
@@ -70,22 +70,24 @@ class Priors:
     local_size : float
         Relative change of the nut's compliance at a stop; a loss of 30 % is 0.13.
     gradient_size : float
-        Of ln P from end to end of the stops, by a screw that is warmer at one end: 2.8 % by each of 10 K.
+        Change of ln P from the first stop to the last by a screw that is warmer at one end: 2.8 % by each of
+        10 K.
     local_length : float
         Correlation length of a local change, m: two to three nut lengths are 0.06.
     as_good : float
-        χ² by which a cause may exceed that of the nut and still be possible: 95 % of two additional numbers.
+        Excess of a cause's χ² over that of the nut, below which the cause is possible: 95 % quantile of χ²
+        for two parameters.
     plausible : float
-        Size, in its standard deviations, beyond which a cause is not possible.
+        Size of a cause, in its standard deviations, from which it is not possible.
     odds : float
         Odds that decide between a wrong load and a drifted torque constant: about where Jeffreys (1961),
         Theory of Probability, 3rd ed., appendix B, calls evidence very strong.
     load_odds : float
-        Odds of a wrong load against all other causes from which an unchanged equivalent mass is not
-        believed: strong evidence, ibid.
+        Odds of a wrong load against all other causes, above which the run is refused although its equivalent
+        mass has not changed: strong evidence, ibid.
     separation : float
-        Difference of the preloads with and without a correction, in standard uncertainties, from which one
-        interval for both is of no use.
+        Difference of the preloads with and without a correction of the load, in standard uncertainties, above
+        which one interval for both is of no use.
 
     Raises
     ------
@@ -137,7 +139,7 @@ class Priors:
 
 @dataclass(frozen=True, slots=True)
 class Assumptions:
-    """Settings of ``preload``: standard deviations unless stated otherwise.
+    """Settings of ``preload`` and ``calibrate``: standard deviations unless stated otherwise.
 
     Parameters
     ----------
@@ -151,14 +153,14 @@ class Assumptions:
     position : float
         Shift of the axis's zero from run to run, m.
     temperature : float
-        Change of ln P per kelvin against the baseline, where no baseline runs determine it, 1/K.
+        Change of ln P per kelvin, 0 on average, where neither calibration nor baselines determine it, 1/K.
     temperature_unknown : float
         Temperature difference to the baseline where it was not recorded, K: ± 3 K with 95 % probability, a
         heated hall and a constant warm-up.
     torque_constant : float
-        Relative drift of the torque constant with heat.
+        Relative change of the torque constant from run to run, as the motor warms up.
     wrong_load : float
-        Error of a wrongly declared load, relative to the moving mass.
+        Error of a wrongly declared load, as a part of the moving mass.
     mass_repeats : float
         Relative change of the equivalent mass from run to run beyond the uncertainty of its fits.
     mass_friction : float
@@ -170,22 +172,22 @@ class Assumptions:
     share : float
         Relative error of the nut's share of the compliance by the lumped model.
     tilt : float
-        Relative deviation of the change at either end of the travel from the model's.
+        Relative deviation of the change of the compliance from the model's at either end of the travel.
     form : float
         Relative error of a frequency along the travel, see :data:`FORM`.
     nut_load, nut_load_spread : float
-        The test's own load softens a worn nut more than a new one, so the preload of a worn nut is estimated
-        too low: by ln(P₀/P) times ``nut_load`` times the term "load" of the reference's uncertainty, and the
-        standard deviation of that factor. Its 95 % interval contains no correction at all, see
-        :mod:`ballscrew.calibration.worn_nut`.
+        The test's own load softens a worn nut more than a new one, so the frequency of a worn nut is
+        estimated too low: by ln(P₀/P) times ``nut_load`` times the term "load" of the reference's
+        uncertainty. ``nut_load_spread`` is the standard deviation of ``nut_load``, the 95 % interval of which
+        contains 0, see :mod:`ballscrew.calibration.worn_nut`.
     floor : float
-        Relative error of each single frequency that no model is better than.
+        Relative error of each frequency that every model has.
     repeats : float
         Correlation of a repeating error from run to run.
     torque_trusted : bool or None
-        Whether the torque constant is known not to drift; None: the data decide.
+        Whether the torque constant is constant; None where the data decide.
     false_alarm : float
-        Probability that a run that one preload explains is reported as unexplained.
+        Probability that the cells of a run with one preload are reported to contradict each other.
     local_alarm : float
         Probability that an evenly worn axis is reported as locally worn.
     priors : Priors

@@ -11,16 +11,16 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import BEARING_PRELOAD
 
-_STEP = 1e-4
+_STEP = 1e-4  # relative, of k_b in a numerical derivative
 
 
 def bearing_share(sheet: DataSheet, model: AxialModel) -> float:
-    """−d ln U / d ln k_b, the share of the bearing, or of both, in the compliance at the centre.
+    """−d ln U / d ln k_b, the share of the bearing, or of both bearings, in the compliance at the centre.
 
     Parameters
     ----------
     sheet : DataSheet
-        Divides the compliance that is not the nut's.
+        Gives the bearing's part of the compliance that is not the nut's.
     model : AxialModel
         Gives the nut's share.
 
@@ -38,8 +38,8 @@ def bearing_share(sheet: DataSheet, model: AxialModel) -> float:
         return from_sheet(replace(sheet, bearing=bearing), model.centre)
 
     softer, stiffer = with_bearing(1 - _STEP), with_bearing(1 + _STEP)
-    part = -np.log(stiffer.compliance / softer.compliance) / (2 * _STEP)
-    return float(part / (1 - with_bearing(1.0).share) * (1 - model.share))
+    share_of_sheet = -np.log(stiffer.compliance / softer.compliance) / (2 * _STEP)
+    return float(share_of_sheet / (1 - with_bearing(1.0).share) * (1 - model.share))
 
 
 def single_run_note(sheet: DataSheet, model: AxialModel, share: float) -> str:
@@ -47,16 +47,20 @@ def single_run_note(sheet: DataSheet, model: AxialModel, share: float) -> str:
 
     Parameters
     ----------
-    sheet, model
+    sheet : DataSheet
         The axis.
+    model : AxialModel
+        Its model.
     share : float
         The nut's share of the compliance, in the middle of the stops.
 
     Returns
     -------
     str
-        For a capability.
+        For the notes of :func:`~ballscrew.monitoring.capability.capability`.
     """
+    # Half-width of the 95 % interval of ln P: ln k_b changes by a third of the bearing's ln preload, and ln P
+    # of the nut by three times that, times the ratio of the shares.
     width = NORMAL_95 * BEARING_PRELOAD * bearing_share(sheet, model) / share
     return (
         "these losses are detected in a history of runs, where only errors that differ from run to run "

@@ -53,9 +53,9 @@ class TemperatureSlope:
     value, standard_uncertainty : float
         1/K.
     shared : float
-        Error of the slope per unit of an error that is common to all runs it was fitted to, 1/K.
+        Error of the slope by a unit error of ln P that is common to all runs it was fitted to, 1/K.
     lowest, highest : float or None
-        Temperature of these runs, °C; None of an assumption.
+        Lowest and highest temperature of these runs, °C; None for an assumed slope.
     """
 
     value: float
@@ -104,7 +104,7 @@ class FormEvidence:
     free : tuple of str
         Names of the fitted parameters.
     log_evidence : float
-        Laplace's approximation, less that of the most probable form.
+        ln of the evidence by Laplace's approximation, less that of the most probable form.
     chi2 : float
         Of the frequencies.
     chosen : bool
@@ -120,16 +120,18 @@ class FormEvidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToleranceEstimate:
-    """A number of the data sheet that has a tolerance, in units of tolerance/√3.
+    """Estimate of a number of the data sheet that has a tolerance.
+
+    Its unit is the standard uncertainty by the tolerance, tolerance/√3, of the number's logarithm.
 
     Parameters
     ----------
     field : str
-        Of the data sheet.
+        Field of the data sheet.
     effects : ndarray, shape (7,)
-        Effect of one unit of it on the working vector (:data:`~ballscrew.axis.axial.PARAMETERS`).
+        Effect of one unit on the working vector (:data:`~ballscrew.axis.axial.PARAMETERS`).
     estimate : float
-        Deviation from the sheet's value by the calibration; the tolerance ends at ± √3.
+        Deviation from the sheet's value by the calibration, in this unit; the tolerance ends at ± √3.
     """
 
     field: str
@@ -139,20 +141,22 @@ class ToleranceEstimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConventionEvidence:
-    """Another convention of the sheet's K, and what the data say about it.
+    """Another convention of the sheet's K, with its evidence by the data.
 
     Parameters
     ----------
     convention : str
         In words.
     probability : float
-        That K is stated in it.
+        Probability that the sheet's K is stated in this convention.
     ratio : float
-        K by the data over the sheet's, if it is.
+        K by the data over the sheet's, if it is stated in this convention.
     change : ndarray, shape (7 + groups,)
-        What it changes in the working vector and in ln(P/P_ref) of each group of runs.
+        Change of the most probable working vector, and of ln(P/P_ref) of each group of runs, by this
+        convention.
     estimates : ndarray, shape (tolerances,)
-        Those of the sheet's numbers with a tolerance, if it is.
+        Estimates of the sheet's numbers with a tolerance by this convention, as in
+        :class:`ToleranceEstimate`.
     """
 
     convention: str
@@ -171,11 +175,11 @@ class CalibrationRun:
     id : str
         Of the run.
     load : float
-        kg.
+        Load on the table, kg.
     measured_at : str or None
         ISO 8601.
     group : int
-        Runs of one number share one preload; 0 is the reference.
+        Group of its preload: runs of the same number share one; 0 is the reference.
     log_ratio, log_ratio_uncertainty : float
         ln(P/P_ref) and its standard uncertainty; both 0 in the reference group.
     plan : str or None
@@ -185,7 +189,7 @@ class CalibrationRun:
     cells : int
         Number of its frequencies.
     level : float
-        Mean of ln f less the model's.
+        Mean over its cells of ln f less the model's.
     weight : float
         1; less where the run does not fit the others.
     outliers : tuple of str
@@ -215,7 +219,7 @@ class CalibratedAxis(PlottedResult):
     axis : str
         Its name.
     model : AxialModel
-        At the most probable values.
+        With the most probable values.
     covariance : ndarray, shape (7, 7)
         Of the working vector (:data:`~ballscrew.axis.axial.PARAMETERS`); rows of fixed parameters are 0.
     free : tuple of str
@@ -227,29 +231,29 @@ class CalibratedAxis(PlottedResult):
     log_ratio_covariance : ndarray, shape (groups, groups)
         Their covariance.
     cross_covariance : ndarray, shape (7, groups)
-        Of the working vector with them.
+        Of the working vector with the log ratios.
     prior_covariance : ndarray, shape (7, 7)
         Of the working vector by the data sheet alone.
-    chi2 : float
-        Of the frequencies at the fit.
-    degrees : float
-        Frequencies less the effective number of parameters that they determine.
+    chi2, degrees : float
+        χ² of the frequencies and its expected value, the effective degrees of freedom: see
+        :func:`~ballscrew.calibration.fit.goodness_of_fit`.
     candidates : tuple of FormEvidence
-        The best first.
+        Forms of the model that were compared, the best first.
     anchors : tuple of Anchor
-        Of the preload's scale, besides the sheet.
+        Anchors of the preload's scale, besides the sheet.
     load_rating : float
         Ca, N.
     nut_mass : float
         Mass of table and nut by the sheet, kg: with the load, the mass that the nut accelerates.
     bearing_share : float
-        The thrust bearing's share of the compliance at the centre; the sheet divides what is not the nut's.
+        The thrust bearing's share of the compliance at the centre: its part, by the sheet, of what is not the
+        nut's.
     reasons : tuple of Doubt
         Reasons to doubt it; empty for a good calibration.
     notes : tuple of str
-        Assumptions on the runs, which are no doubt.
+        Remarks that are no reasons for doubt.
     tolerances : tuple of ToleranceEstimate
-        Numbers of the sheet with a tolerance; none of an older document.
+        Estimates of the sheet's numbers with a tolerance.
     temperature : TemperatureSlope or None
         Change of ln P per kelvin, where the temperatures of the runs determine one.
     conventions : tuple of ConventionEvidence
@@ -299,16 +303,18 @@ class CalibratedAxis(PlottedResult):
         ]
 
     def quantity(self, name: str) -> Quantity:
-        """Parameter of the model with its standard uncertainty; a name of ``PARAMETERS``."""
+        """Parameter of the model with its standard uncertainty, by its name in ``PARAMETERS``."""
         spread = self.working_scale(name) * self.standard_uncertainty(name)
         return Quantity(float(getattr(self.model, name)), spread, UNITS[name])
 
     def working_scale(self, name: str) -> float:
-        """Derivative of a parameter by its element of the working vector, a logarithm or a logit."""
+        """Derivative of a parameter by its element of the working vector: itself, its logarithm or logit."""
         if name in _LINEAR:
             return 1.0
         value = float(getattr(self.model, name))
-        return value * (1 - value) if name == "share" else value
+        if name == "share":
+            return value * (1 - value)
+        return value
 
     def to_dataframe(self) -> pd.DataFrame:
         """Table of the model's parameters; an infinite rotor is left out."""
@@ -326,7 +332,7 @@ class CalibratedAxis(PlottedResult):
         return to_vector(self.model)
 
     def standard_uncertainty(self, name: str) -> float:
-        """Standard uncertainty of a parameter of the working vector by its name."""
+        """Standard uncertainty of an element of the working vector, by its name in ``PARAMETERS``."""
         at = PARAMETERS.index(name)
         return float(np.sqrt(self.covariance[at, at]))
 

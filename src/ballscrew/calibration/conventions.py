@@ -1,10 +1,12 @@
 """Conventions of the nut's rigidity compared by the data of a calibration.
 
 A catalogue's K means a nut up to three times as stiff in one convention as in another, and a sheet may state
-the wrong one. Each other reading of the sheet's K is fitted to the same data with the same prior, moved to
-its κ. Its probability is that of its evidence. Frequencies at one preload say little: a nut of twice the
-rigidity looks like a stiffer bearing. Samples of the share then follow all readings by their probabilities,
-so that an interval contains what the data do not exclude; the estimate itself stays that of the sheet.
+the wrong one. Each other convention is another reading of the sheet's K, with another κ, the nut's rigidity
+over P^(1/3). Each reading is fitted to the same data with the same prior, the mean of which is moved to this
+κ; its probability is that of its evidence. Frequencies at one preload hardly distinguish the readings: a nut
+of twice the rigidity looks like a stiffer bearing. Samples of the share contain all readings in proportion to
+their probabilities, so that an interval contains what the data do not exclude; the estimate itself is by the
+convention that the sheet states.
 """
 
 from __future__ import annotations
@@ -30,11 +32,11 @@ from ballscrew.calibration.tolerances import estimate_tolerances
 WRONG = 0.4
 """Probability, before any data, that K has another convention than the sheet states.
 
-Good intervals are to contain the true value by each convention, not on average over catalogues, and
-frequencies at one preload often leave it open: right sheets and wrong ones have the same evidence, from a
-tenth to 1. Of 0.3, 0.4 and 0.5 it is the least with which at most 5 % of the good intervals miss by each pair
-of true and stated convention, on 82 random axes at the errors of mode tables (seeds 500 to 581), and on 41
-at three times these consistently with 5 % (``benchmarks.conventions``).
+Good intervals should contain the true value for each convention, not on average over catalogues, and
+frequencies at one preload often do not decide: right sheets and wrong ones have the same evidence, from a
+tenth to 1. Of 0.3, 0.4 and 0.5 it is the least with which at most 5 % of the good intervals miss for each
+pair of true and stated convention, on 82 random axes with the errors of mode tables (seeds 500 to 581); on 41
+axes with three times these errors the rate is consistent with 5 % (``benchmarks.conventions``).
 """
 
 _SUBSTANTIAL = math.sqrt(10)
@@ -44,15 +46,15 @@ _SUBSTANTIAL = math.sqrt(10)
 _DECISIVE = 100.0
 """Evidence from which a calibration is suspect (Jeffreys 1961, *Theory of Probability*, appendix B).
 
-With less, the conventions share the interval, which contains the true value. A lower limit makes suspect the
-axes whose intervals are right and leaves good those whose data mislead: of a K with clearance, stated as
+With less, the interval contains those of several conventions, and so the true value. A lower limit would make
+axes suspect whose intervals are right, but not those whose data mislead: of a K with clearance, stated as
 R_nu,ar, 9 % of the good intervals miss with √10, 7 % with 10 and 5 % with 100 (same seeds).
 """
 
-_MOST_LOG_ODDS = 100.0
+_MOST_LOG_ODDS = 100.0  # so that their exponential does not overflow
 _LIKELY = 0.8  # probability from which an unknown convention is named
-_NEGLIGIBLE = 1e-3  # probability of a reading that is not reported
-_ROUNDING = 1e-12
+_NEGLIGIBLE = 1e-3  # probability up to which a reading is not reported
+_ROUNDING = 1e-12  # least probability in a divisor
 _COMPLIANCE, _SHARE = PARAMETERS.index("compliance"), PARAMETERS.index("share")
 _BENDS = [PARAMETERS.index("slope"), PARAMETERS.index("curve")]
 
@@ -78,42 +80,46 @@ def compare_conventions(form: ModelForm, fit: Fit, sheet: DataSheet) -> tuple[Co
     if screw.rigidity_convention in ("measured", "unknown") or not width:
         return ()
     readings = rigidity.other_readings(screw)
-    before = WRONG / len(readings) / (1 - WRONG)
+    prior_odds = WRONG / len(readings) / (1 - WRONG)  # of a reading against the stated convention
     found = []
     for words, ratio in readings.items():
         moved = replace(form, mean=stiffer_nut(form.mean, ratio))
         other = _refit(moved, fit)
         if other is None:
             continue
+        # Estimates of the sheet's numbers, in units of tolerance/√3.
         numbers = {n.field: n.estimate for n in estimate_tolerances(moved, other.unknown[:SIZE])}
         log_odds = min(other.log_evidence - fit.log_evidence, _MOST_LOG_ODDS)
         found.append(
             ConventionEvidence(
                 convention=words,
-                probability=before * math.exp(log_odds),
+                probability=prior_odds * math.exp(log_odds),  # odds, which are normalised below
                 ratio=math.exp(numbers["rigidity"] * width / math.sqrt(3)),
                 change=_change(other.unknown, fit.unknown),
                 estimates=np.array([*numbers.values()]),
             )
         )
-    whole = 1 + sum(reading.probability for reading in found)
-    found = [replace(reading, probability=reading.probability / whole) for reading in found]
+    total_odds = 1 + sum(reading.probability for reading in found)  # 1 for the stated convention
+    found = [replace(reading, probability=reading.probability / total_odds) for reading in found]
     found.sort(key=lambda reading: -reading.probability)
     return tuple(reading for reading in found if reading.probability > _NEGLIGIBLE)
 
 
 def likely_convention(form: ModelForm, fit: Fit, sheet: DataSheet) -> list[str]:
-    """Note on the convention of a K for which the sheet states none; parameters as above.
+    """Note on the convention of a K for which the sheet states none.
+
+    Parameters are as for :func:`compare_conventions`.
 
     Returns
     -------
     list of str
-        None unless the data make one reading clearly more probable than the others together, each with the
+        Empty unless the data make one reading clearly more probable than the others together, each with the
         tolerance of a stated convention.
     """
     effect = form.tolerances.get("rigidity")
     if sheet.screw.rigidity_convention != "unknown" or effect is None:
         return []
+    # Part of the variance by K that an unknown convention adds to the tolerance of a stated one.
     removed = max(0.0, 1 - (rigidity.TOLERANCE / tolerances(sheet)["rigidity"]) ** 2)
     covariance = form.covariance - removed * np.outer(effect, effect)
     evidence = {}
@@ -143,12 +149,12 @@ def _refit(form: ModelForm, fit: Fit) -> Fit | None:
 
 
 def explains_better(conventions: Sequence[ConventionEvidence]) -> bool:
-    """Test if there is substantial evidence for other conventions of K."""
+    """Whether there is substantial evidence for other conventions of K than the stated one."""
     return _evidence(conventions) > _SUBSTANTIAL
 
 
 def _evidence(conventions: Sequence[ConventionEvidence]) -> float:
-    """Evidence for the other conventions together, over the stated one."""
+    """Evidence for the other conventions together over that for the stated one: posterior over prior odds."""
     others = sum(reading.probability for reading in conventions)
     return others / max(1 - others, _ROUNDING) * (1 - WRONG) / WRONG
 
@@ -156,7 +162,7 @@ def _evidence(conventions: Sequence[ConventionEvidence]) -> float:
 def add_convention(
     doubts: Sequence[Doubt], conventions: Sequence[ConventionEvidence]
 ) -> tuple[list[Doubt], list[str]]:
-    """Doubts by the sheet's numbers, with the convention that fits better where there is one.
+    """Doubts of the sheet's numbers, and notes, with the convention that fits better where there is one.
 
     Parameters
     ----------
@@ -168,9 +174,9 @@ def add_convention(
     Returns
     -------
     list of Doubt
-        A doubt of the rigidity names the most probable of the others, if the evidence is decisive.
+        Those given; a doubt of the rigidity names the most probable convention if the evidence is decisive.
     list of str
-        Else a note names it, if the evidence is substantial.
+        A note that names it, if the evidence is substantial but not decisive.
     """
     if not explains_better(conventions):
         return list(doubts), []
@@ -214,7 +220,7 @@ def stiffer_nut(mean: Array, ratio: float) -> Array:
 
 
 def _change(other: Array, unknown: Array) -> Array:
-    """Change of the working vector and of the log ratio of each group, the reference's included."""
+    """Change of the working vector and of ln(P/P_ref) of each group, shape (7 + groups,); 0 for the first."""
     finite = np.isfinite(other) & np.isfinite(unknown)
     change = np.zeros_like(other)
     change[finite] = other[finite] - unknown[finite]

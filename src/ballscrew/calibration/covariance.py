@@ -1,9 +1,9 @@
 """Covariance of the frequencies of several runs.
 
-Errors of a run, errors that repeat from run to run, and what differs between experiments besides the preload:
-the bearing, and the error by the test's load on a worn nut. ``preload`` allows for the last two between a run
-and its baseline. A calibration with runs of several days or preloads allows for them too: else a second known
-preload would attribute a change of the bearing to the nut.
+It consists of the errors of each run, the errors that repeat from run to run, and what differs between
+experiments besides the preload: the bearing, and the error by the test's load on a worn nut. ``preload``
+allows for the last two between a run and its baseline. A calibration with runs of several days or preloads
+allows for them too: else a second known preload would attribute a change of the bearing to the nut.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from ballscrew.calibration.preload_groups import preload_groups
 from ballscrew.calibration.worn_nut import is_nut_load, nut_load_uncertainty
 
 FLOOR = 1e-4
-"""Relative error of each cell by the form of the model, without a pattern."""
+"""Relative error of each cell's frequency by the form of the model, independent of other cells."""
 
 WORN_NUT = 1e-3
-"""Relative error of the level of a run at another preload that does not state the effect of the nut's load.
+"""Relative error of the frequencies at another preload, if their run does not state the effect of the load.
 
 On random axes at 60 % of their preload the frequency was 0.5 to 1.5e-3 too low. It does not repeat."""
 
-_MOST_LOG_COMPLIANCE = 10.0  # change beyond which a frequency is not of this axis
-_LEAST_U = 0.2  # of (P/P_ref)^(−1/3): more than a hundred times the preload
+_MOST_LOG_COMPLIANCE = 10.0  # largest change of ln C; beyond it a frequency is not of this axis
+_LEAST_U = 0.2  # least (P/P_ref)^(−1/3): that of more than a hundred times the preload
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def joint_covariance(runs: Sequence[FrequencyTable], correlation: float = REPEAT
     runs : sequence of FrequencyTable
         Of n cells together.
     correlation : float
-        0 to 1.
+        Of a repeating error from run to run, 0 to 1.
 
     Returns
     -------
@@ -91,20 +91,21 @@ def joint_covariance(runs: Sequence[FrequencyTable], correlation: float = REPEAT
 
 
 def with_repeating_load(run: FrequencyTable) -> FrequencyTable:
-    """The run with the effect of the nut's load as an error that repeats.
+    """The run with its error by the load on the nut as one that repeats.
 
-    A run states it as random, since the frequency estimate does not know how worn the nut is. At one preload
-    it is the same in every run, and at another :func:`worn_nut_slopes` and :func:`experiment_effects` give
-    it: as a random error of every run it would count twice.
+    A run states this error as random, since the wear of the nut is unknown when the frequency is estimated.
+    At one preload it is the same in every run; between preloads :func:`worn_nut_slopes` and
+    :func:`experiment_effects` describe it, so that it would count twice as a random error of every run.
     """
     by_load = np.array(list(map(is_nut_load, run.shared_names)), dtype=bool)
     return replace(run, repeats=run.repeats | by_load)
 
 
 def worn_nut_slopes(runs: Sequence[FrequencyTable], assumptions: Assumptions) -> Array:
-    """∂ ln f/∂ ln(P/P_ref) of each cell by the test's own load on a worn nut.
+    """∂ ln f/∂ ln(P/P_ref) of each cell by the test's own load on a worn nut, shape (n,).
 
-    The negative of :func:`~ballscrew.calibration.worn_nut.frequency_loss_under_load` per ln(P_ref/P).
+    It is :func:`~ballscrew.calibration.worn_nut.frequency_loss_under_load` over ln(P_ref/P): the frequency of
+    a worn nut is too low.
     """
     return np.concatenate([assumptions.nut_load * nut_load_uncertainty(run) / run.frequency for run in runs])
 
@@ -112,28 +113,28 @@ def worn_nut_slopes(runs: Sequence[FrequencyTable], assumptions: Assumptions) ->
 def experiment_effects(
     run: FrequencyTable, model: AxialModel, variation: ExperimentVariation, log_ratio: float
 ) -> tuple[Array, Array]:
-    """Effects on ln f of one standard deviation of bearing and worn nut, against the reference.
+    """Effects on ln f of one standard deviation of the changes of bearing and worn nut since the reference.
 
     Parameters
     ----------
     run : FrequencyTable
-        Of n cells, of another day, at another preload.
+        Of n cells, of another day and preload than the reference.
     model : AxialModel
         Of the axis.
     variation : ExperimentVariation
-        Sizes.
+        Sizes of the changes.
     log_ratio : float
-        ln(P/P_ref), about.
+        Approximate ln(P/P_ref).
 
     Returns
     -------
     bearing, worn_nut : ndarray, shape (n,)
         By a drift of the bearing, and by the correction for the load on a worn nut.
     """
-    away = run.position - model.centre
-    compliance = 1 + model.slope * away + model.curve * away**2
+    from_centre = run.position - model.centre
+    compliance = 1 + model.slope * from_centre + model.curve * from_centre**2
     drift = variation.assumptions.bearing_daily_drift / NORMAL_95
-    bearing = drift * variation.bearing_share / (2 * compliance)
+    bearing = drift * variation.bearing_share / (2 * compliance)  # f² ∝ 1/C
     if not any(map(is_nut_load, run.shared_names)):
         return bearing, np.full_like(run.frequency, WORN_NUT)
     spread = variation.assumptions.nut_load_spread * abs(log_ratio)
@@ -152,13 +153,15 @@ def experiment_covariance(
     model : AxialModel
         Of the axis, as known before the calibration.
     variation : ExperimentVariation
-        Sizes.
+        Sizes of the differences.
 
     Returns
     -------
     ndarray, shape (n, n)
-        The bearing is common to each day, the worn nut to each preload; those of the first are the reference.
+        The bearing's change is common to the runs of a day, the worn nut's to those of a preload; both are 0
+        for the day and preload of the first run.
     """
+    # Groups without known preloads are days.
     days = preload_groups([run.id for run in runs], [run.measured_at for run in runs], {})
     counts = [len(run.frequency) for run in runs]
     bearing, worn_nut = [], []
@@ -210,13 +213,14 @@ def relative_covariance(
     total += np.where(run_of_cell[:, None] == run_of_cell, np.outer(by_load, by_load), 0.0)
     total += experiment_covariance(runs, groups, model, variation)
     along, heavy = _centred(x), _centred(load)
+    # Levels and slopes are fitted; the errors of the form are the Legendre polynomials of second order.
     for bend in (1.5 * along**2 - 0.5, along * heavy, 1.5 * heavy**2 - 0.5):
         total += FORM**2 * np.outer(bend, bend)
     return np.asarray(total + FLOOR**2 * np.eye(len(f)))
 
 
 def repeating_effects(run: FrequencyTable) -> dict[tuple[str, int], Array]:
-    """Effects of repeating errors, Hz, by the error's name and its number among those of that name."""
+    """Effects of repeating errors on n cells, Hz, by name and number among the errors of that name."""
     count: Counter[str] = Counter()
     effects = {}
     for name, repeats, effect in zip(run.shared_names, run.repeats, run.shared, strict=True):
@@ -228,21 +232,23 @@ def repeating_effects(run: FrequencyTable) -> dict[tuple[str, int], Array]:
 
 def _log_ratios(runs: Sequence[FrequencyTable], groups: Sequence[int], model: AxialModel) -> list[float]:
     """ln(P/P_ref) of each run's group by the model before the calibration: for the size of errors only."""
-    deviation = [np.mean(np.log(r.frequency / frequency(model, r.position, r.load))) for r in runs]
-    group_of_run, deviations = np.asarray(groups), np.array(deviation)
+    # Mean over the cells of each run of ln f less the model's.
+    levels = [np.mean(np.log(run.frequency / frequency(model, run.position, run.load))) for run in runs]
+    group_of_run, deviations = np.asarray(groups), np.array(levels)
     reference = 0.0
     if 0 in groups:
         reference = float(deviations[group_of_run == 0].mean())
     ratios = []
     for group in groups:
         level = float(deviations[group_of_run == group].mean()) - reference
+        # C ∝ 1/f² has changed by −2 level in ln C, and only by the nut's part.
         u = 1 + math.expm1(min(-2 * level, _MOST_LOG_COMPLIANCE)) / model.share
         ratios.append(-3 * math.log(max(u, _LEAST_U)))
     return ratios
 
 
 def _centred(values: Array) -> Array:
-    """Values from −1 to 1; 0 where all are equal."""
+    """Values, linear from −1 at the least to 1 at the largest; 0 where all are equal."""
     low, high = float(values.min()), float(values.max())
     if not high > low:
         return np.zeros_like(values)

@@ -20,18 +20,10 @@ from ballscrew.modal.run import RigidBodyResult, Run
 _COLDEST = -273.15  # °C
 _LARGEST = 1e300
 _LEAST_POSITIVE = 1e-300
-_MOST_CELLS = 2000  # as many make a covariance of 32 MB
-_REPEATING = (
-    "model",
-    "clock",
-    "load",
-    "method",
-    "window",
-    "weights",
-    "drives",
-)  # terms that repeat from run to run
-
-_CONTAINED = ("uncertain", "nearly-unloaded", "ripple")  # reasons that the uncertainty of a cell contains
+_MOST_CELLS = 2000  # of a run; their covariance has 32 MB
+# Terms of the uncertainty that repeat from run to run.
+_REPEATING = ("model", "clock", "load", "method", "window", "weights", "drives")
+_CONTAINED = ("uncertain", "nearly-unloaded", "ripple")  # kinds of reasons that a cell's uncertainty contains
 
 _FINITE = number(-_LARGEST, _LARGEST)
 _POSITIVE = number(_LEAST_POSITIVE, _LARGEST)
@@ -48,9 +40,9 @@ class FrequencyTable:
     id : str
         Of the run.
     axis, measured_at : str or None
-        Name of the axis; ISO 8601.
+        Name of the axis, and time of the run, ISO 8601.
     temperature : float or None
-        °C.
+        Of the axis, °C.
     load : float
         On the table, kg.
     position : ndarray, shape (n,)
@@ -58,17 +50,17 @@ class FrequencyTable:
     condition : tuple of str
         PA, PD, NA or ND of each cell.
     motion : tuple of int
-        Of each cell.
+        Number of each cell's motion in the plan.
     frequency : ndarray, shape (n,)
         Hz.
     own : ndarray, shape (n,)
-        Standard uncertainty by the cell's own error, Hz.
+        Standard uncertainty by the error of each cell that it does not share with others, Hz.
     shared : ndarray, shape (k, n)
         Effect of each of k independent standard-normal errors on each cell, signed, Hz.
     shared_names : tuple of str
         Of these errors.
     repeats : ndarray of bool, shape (k,)
-        Whether an error repeats in another run.
+        Whether each of these errors repeats in another run.
     equivalent_mass : Quantity or None
         From the rigid-body fit, kg.
     mass_over_preload : Quantity or None
@@ -109,7 +101,11 @@ class FrequencyTable:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Cells:
-    """Cells with a frequency: their rows and places in the run, and numbers of each, checked."""
+    """Cells of a run with a frequency, checked.
+
+    ``rows`` are their indices in the run and ``names`` their places in its JSON, for messages; the arrays of
+    shape (n,) are in m and Hz.
+    """
 
     rows: list[int]
     cells: list[CellResult]
@@ -133,9 +129,9 @@ def frequency_table(run: Run) -> FrequencyTable:
     """Frequencies of a run, with their own and their shared errors.
 
     The own variance of a cell is that of its standard uncertainty less that of the shared errors. A run
-    without shared errors states terms of the uncertainty only: by the joint method all cells lie on one
-    curve, and each term is shared, as a level and a tilt; by another method the repeating terms are shared
-    and the rest is each cell's own.
+    without shared errors states only terms of the uncertainty: by method joint all cells lie on one curve,
+    and each term is shared, as a level and a tilt; by another method only the term "method" is shared, and
+    the rest is each cell's own.
 
     Parameters
     ----------
@@ -194,7 +190,9 @@ def frequency_table(run: Run) -> FrequencyTable:
 
 
 def common_doubts(run: Run) -> dict[str, tuple[str, str]]:
-    """Reasons by which half of a run's cells are suspect, except those that their uncertainty contains.
+    """Reasons by which at least half of a run's cells are suspect.
+
+    Reasons that the uncertainty of a cell contains do not count.
 
     Parameters
     ----------
@@ -204,8 +202,9 @@ def common_doubts(run: Run) -> dict[str, tuple[str, str]]:
     Returns
     -------
     dict
-        How many cells have each kind of reason, "14 of 16", and the sentence of one; where no kind has half
-        of the cells, but all together have, for all of them.
+        By kind of reason, how many cells have it, "14 of 16", and the sentence of the first of these. Kinds
+        that at least half of the cells have; where there is none, but all kinds together have half of the
+        cells, all kinds.
     """
     usable = [cell for cell in run.cells if cell.frequency_Hz is not None]
     found: dict[str, dict[int, str]] = {}
@@ -278,7 +277,8 @@ def _errors_of_terms(cells: _Cells) -> list[_SharedEffect]:
             shared += _level_and_tilt(key, _sizes(terms, key), cells.position)
     elif np.any(_sizes(terms, "method") > 0):
         shared.append(_SharedEffect("method", True, _sizes(terms, "method")))
-    # Of some terms the larger counts, not both: together they can exceed the whole uncertainty.
+    # Some terms exclude each other and only the larger counts, so that their sum can exceed the whole
+    # uncertainty: they are then reduced to it.
     total = np.sqrt(sum((error.effects**2 for error in shared), np.zeros_like(cells.uncertainty)))
     part = cells.uncertainty / np.maximum(total, cells.uncertainty)
     return [_SharedEffect(error.name, error.repeats, error.effects * part) for error in shared]
@@ -290,7 +290,10 @@ def _sizes(terms: Sequence[dict[str, float]], key: str) -> Array:
 
 
 def _level_and_tilt(key: str, size: Array, position: Array) -> list[_SharedEffect]:
-    """A term as a level and a tilt: their squares sum to it, the ends of the travel are uncorrelated."""
+    """A term as a level and a tilt, by which the two ends of the travel are uncorrelated.
+
+    The sum of their squares in each cell is the square of the term.
+    """
     if not np.any(size > 0):
         return []
     repeats = key in _REPEATING
@@ -317,7 +320,7 @@ def _equivalent_mass(body: RigidBodyResult) -> Quantity | None:
 
 
 def _mass_over_preload(run: Run, name: str) -> Quantity | None:
-    """Softening of the nut under load, checked."""
+    """Mass over preload by the softening of the nut under load, kg/N, checked."""
     softening = run.mass_over_preload_kg_per_N
     if softening is None:
         return None

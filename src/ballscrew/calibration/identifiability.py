@@ -22,35 +22,35 @@ _WORDS = {
     "share": "the nut's share of the compliance",
     "preload": "preload in newtons",
 }
-_BY_DATA = 10.0  # information of the data, times the prior's, from which the data determine a parameter
-_BY_SHEET = 0.3  # below which only the sheet does
-_MOST_PARTS = 3  # of a direction that are named
-_LEAST_PART = 0.3  # prior standard deviations below which a part is not named
-_NO_INFORMATION = 1e-12  # of the largest: a thousand times its rounding
+_BY_DATA = 10.0  # information of the data over the prior's, from which the data determine a parameter
+_BY_SHEET = 0.3  # the same ratio, below which only the sheet determines it
+_MOST_PARTS = 3  # most parameters that are named as parts of a direction
+_LEAST_PART = 0.3  # change of a parameter, in prior standard deviations, below which it is not named
+_NO_INFORMATION = 1e-12  # of the largest information: a thousand times its rounding
 
 
 def posterior_covariance(fit: Fit, rows: NDArray[np.intp]) -> Array:
-    """Posterior covariance of the unknowns by some of the rows only."""
+    """Posterior covariance of the unknowns by the prior and some of the rows only, (unknowns, unknowns)."""
     slopes = fit.problem.jacobian(fit.unknown)[rows]
-    return settled_covariance(fit.directions, slopes, fit.problem.covariance[np.ix_(rows, rows)])
+    return covariance_by_rows(fit.directions, slopes, fit.problem.covariance[np.ix_(rows, rows)])
 
 
-def settled_covariance(prior_directions: Array, slopes: Array, covariance: Array) -> Array:
-    """Posterior covariance of the unknowns.
+def covariance_by_rows(prior_directions: Array, slopes: Array, covariance: Array) -> Array:
+    """Posterior covariance of the unknowns by a prior and linear rows of data.
 
     Parameters
     ----------
     prior_directions : ndarray, shape (unknowns, k)
-        Root of the prior covariance.
+        Root H of the prior covariance H Hᵀ.
     slopes : ndarray, shape (n, unknowns)
-        Derivative of the rows.
+        Derivatives of the rows by the unknowns.
     covariance : ndarray, shape (n, n)
         Of the rows.
 
     Returns
     -------
     ndarray, shape (unknowns, unknowns)
-        By Gauss's law of errors.
+        H (Hᵀ Jᵀ C⁻¹ J H + 1)⁻¹ Hᵀ with the slopes J and the covariance C of the rows.
     """
     white = np.linalg.solve(np.linalg.cholesky(covariance), slopes @ prior_directions)
     inverse = np.linalg.inv(white.T @ white + np.eye(prior_directions.shape[1]))
@@ -68,10 +68,11 @@ def quantities(fit: Fit) -> tuple[dict[str, object], ...]:
     Returns
     -------
     tuple of dict
-        ``kind``, ``name``, ``sheet`` and ``data`` (before and after) and ``sentence``. With the nut's own
-        compliance, the product of share and compliance.
+        ``kind``, ``name``, ``sheet`` and ``data`` (relative standard uncertainty before and after) and
+        ``sentence``. The last is of the nut's own compliance, the product of share and compliance.
     """
     model, problem = fit.model, fit.problem
+    # Relative change of a parameter by a unit of its element of the working vector; 1 for a logarithm.
     relative = {
         "slope": 1 / max(abs(model.slope), 1e-12),
         "curve": 1 / max(abs(model.curve), 1e-12),
@@ -97,10 +98,11 @@ def quantities(fit: Fit) -> tuple[dict[str, object], ...]:
 
 
 def rank_doubts(fit: Fit) -> list[Doubt]:
-    """One if the data determine fewer combinations of the parameters than their stops and loads should.
+    """Doubt of data that determine fewer combinations of the parameters than their stops and loads should.
 
-    At one preload the compliance is one, its slope a second from two stops on, and the mass a third from two
-    loads on: three of the four numbers of θ, which is no doubt. Each further preload adds its ratio.
+    At one preload the compliance is the first combination, its slope the second from two stops on, and the
+    mass the third from two loads on; the fourth number of θ is never determined, which is no doubt. Each
+    further preload adds its ratio.
 
     Parameters
     ----------
@@ -129,9 +131,9 @@ def rank_doubts(fit: Fit) -> list[Doubt]:
 def directions(fit: Fit) -> tuple[dict[str, object], ...]:
     """Independent combinations of the unknowns, those best determined by the data first.
 
-    Eigenvectors of the data's information in units of the prior's. Those without information have one
-    eigenvalue, 0, and so no directions of their own: they are one row, with the part of each unknown's prior
-    standard deviation that lies in the space that they span.
+    They are the eigenvectors of the data's information in units of the prior's. Those without information
+    have the same eigenvalue, 0, so that only the space that they span is determined: they are one row, with
+    the part of each unknown's prior standard deviation that lies in this space.
 
     Parameters
     ----------
@@ -142,13 +144,13 @@ def directions(fit: Fit) -> tuple[dict[str, object], ...]:
     -------
     tuple of dict
         ``kind``, ``information`` (of the data, in units of the prior's: 1 is as much as the sheet's),
-        ``parts`` (change of each unknown per prior standard deviation of the direction, in its own prior
-        standard deviations, by its name) and ``sentence``.
+        ``parts`` (by the name of an unknown, its change by one prior standard deviation along the direction,
+        in its own prior standard deviations) and ``sentence``.
     """
     values, vectors = np.linalg.eigh(fit.information)
     spread = np.sqrt(np.diag(fit.problem.prior))
-    spread[spread == 0] = np.inf
-    changes = fit.directions @ vectors / spread[:, None]
+    spread[spread == 0] = np.inf  # a fixed unknown does not change
+    changes = fit.directions @ vectors / spread[:, None]  # shape (unknowns, directions)
     names = [*PARAMETERS, *(f"preload of group {k + 1}" for k in range(len(fit.unknown) - SIZE))]
     without = np.flatnonzero(values <= _NO_INFORMATION * max(float(values[-1]), 1.0)).tolist()
     if len(without) == 1:
@@ -194,12 +196,13 @@ def _direction(information: float, parts: Mapping[str, float], words: str) -> di
 
 
 def _spread(row: Array, covariance: Array) -> float:
+    """Standard deviation of the linear combination ``row`` of the unknowns."""
     return float(np.sqrt(row @ covariance @ row))
 
 
 def _source(before: float, after: float) -> str:
-    """Source of a quantity: data, sheet, or both."""
-    remaining = (after / before) ** 2
+    """Source of a quantity, data, sheet or both, by its uncertainty before and after the data."""
+    remaining = (after / before) ** 2  # part of the variance: 1/(1 + information)
     if remaining < 1 / _BY_DATA:
         return "the data"
     if remaining > 1 / (1 + _BY_SHEET):

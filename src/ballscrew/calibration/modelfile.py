@@ -36,11 +36,12 @@ from ballscrew.calibration.tolerances import is_part_of_prior
 KIND = "ballscrew model"
 
 WORKING = ("ln compliance", "slope", "curve", "ln mass", "ln rotor", "logit share", "ln preload")
+"""Elements of the working vector, as named in MODEL.json."""
 
 _LARGEST_FILE = 2_000_000  # bytes; a model of 200 runs has a tenth of that
 _MOST_GROUPS = 200
 _MOST_TOLERANCES = 30  # numbers of a data sheet; usually three
-_MOST_DEVIATION = 1e3  # standard uncertainties
+_MOST_DEVIATION = 1e3  # of a number of the sheet by the calibration, in standard uncertainties
 _MOST = 1e12  # of any number of a run, anchor or form
 _LARGEST = 1e300
 
@@ -51,10 +52,10 @@ _RANGES = {
 }  # fmt: skip
 _MOST_LOGARITHM = 10.0  # of a ratio, and its standard uncertainty
 _MOST_SPREAD = {"slope": 1e3, "curve": 1e5}  # standard uncertainty; of the others as of a logarithm
-_LEAST_SPREAD = 1e-6  # relative standard uncertainty of the following parameters, which nobody knows exactly
-_UNCERTAIN = ("compliance", "mass", "share", "preload")
-_NO_OVERFLOW = 1e100
-_ROUNDING = 1e-6  # of a correlation, by numbers of nine digits
+_UNCERTAIN = ("compliance", "mass", "share", "preload")  # parameters that no calibration determines exactly
+_LEAST_SPREAD = 1e-6  # their least standard uncertainty in the working vector
+_NO_OVERFLOW = 1e100  # limit of a covariance that is divided by standard deviations
+_ROUNDING = 1e-6  # of a correlation or probability, by numbers of nine digits
 
 _MOST_SLOPE = 0.3  # of ln P per kelvin: ten times that of a screw which alone becomes warmer
 
@@ -84,7 +85,7 @@ def _estimates(value: Any, where: str) -> Array:
 
 
 def _row(kind: type[Any], **special: json_fields.Field) -> json_fields.Field:
-    """A row as a dataclass, all of its numbers known."""
+    """Field of an object that is read as a dataclass; its floats are not null, except ``special``."""
     numbers = [field.name for field in fields(kind) if field.type == "float"]
     return json_fields.instance(kind, **(dict.fromkeys(numbers, _NUMBER) | special))
 
@@ -249,7 +250,7 @@ def model_from_json(document: Mapping[str, Any], source: str) -> CalibratedAxis:
 
 
 def _model(row: dict[str, Any], source: str) -> CalibratedAxis:
-    """The axis of a document whose fields are checked one by one, checked as a whole."""
+    """The axis of a document, the fields of which were checked one by one; here they are checked together."""
     ratios = np.array(row["log_ratios"], dtype=np.float64)
     groups, size = len(ratios), len(PARAMETERS)
     if not 1 <= groups <= _MOST_GROUPS or ratios[0] != 0:
@@ -339,7 +340,7 @@ def _check_covariance(matrix: Array, source: str, key: str) -> None:
 
 
 def _check_free(model: AxialModel, covariance: Array, free: Sequence[str], source: str) -> None:
-    """Refuse a certain value of what nobody knows exactly, and an uncertain one of an infinite rotor."""
+    """Refuse a parameter without uncertainty that must have one, and an infinite rotor that has one."""
     for name in _UNCERTAIN:
         at = PARAMETERS.index(name)
         if not covariance[at, at] > _LEAST_SPREAD**2:

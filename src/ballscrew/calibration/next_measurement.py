@@ -23,11 +23,13 @@ from ballscrew.calibration.covariance import (
 )
 from ballscrew.calibration.fit import SIZE, Fit
 from ballscrew.calibration.frequency_table import FrequencyTable
-from ballscrew.calibration.identifiability import settled_covariance
+from ballscrew.calibration.identifiability import covariance_by_rows
 from ballscrew.calibration.preparation import CalibrationInput
 
-_EXTENSION = 0.25  # of the distance between the outer stops, for an additional stop beyond them
-_LEAST_EXTENSION = 0.2  # of that: a nearer stop is not an additional one
+# Distance of an additional stop beyond the outer ones, as a part of the distance between these; and its least
+# value, as a part of that: a nearer stop is not an additional one.
+_EXTENSION = 0.25
+_LEAST_EXTENSION = 0.2
 _SHARE, _PRELOAD, _MASS = (PARAMETERS.index(name) for name in ("share", "preload", "mass"))
 
 
@@ -39,9 +41,9 @@ def next_measurements(
     Parameters
     ----------
     given, fit : CalibrationInput, Fit
-        The calibration; a new run is taken to be as good as that with the heaviest load.
+        The calibration; a new run is assumed to be as good as the one with the heaviest load.
     scale : float
-        Factor on the variances of the frequencies; new ones are taken as no better.
+        Factor on the variances of the frequencies, which is assumed for new ones too.
     sheet : DataSheet
         For the travel of the axis.
 
@@ -52,7 +54,7 @@ def next_measurements(
         ``mass``. The first is the present state.
     """
     heaviest = max(given.runs, key=lambda run: run.load)
-    heavier = max(2 * heaviest.load, heaviest.load + 0.5 * fit.model.mass)
+    heavier = max(2 * heaviest.load, heaviest.load + 0.5 * fit.model.mass)  # kg
     heavier_run = replace(heaviest, id="", load=heavier)
     options = {
         "as it is": fit.covariance,
@@ -74,7 +76,7 @@ def next_measurements(
     found: list[dict[str, object]] = []
     for name, covariance in options.items():
         spread = np.sqrt(np.diag(covariance))
-        share = float(spread[_SHARE] * (1 - fit.model.share))
+        share = float(spread[_SHARE] * (1 - fit.model.share))  # relative, from that of the logit
         preload, mass = float(spread[_PRELOAD]), float(spread[_MASS])
         found.append({"kind": "offer", "what": name, "share": share, "log_preload": preload, "mass": mass})
     return tuple(found)
@@ -93,8 +95,8 @@ def next_stop(position: Array, sheet: DataSheet) -> float | None:
     Returns
     -------
     float or None
-        m, within the soft limits, or two stops' distance from the screw's ends where the sheet has none;
-        None where the stops fill the travel.
+        m, within the soft limits, or one distance between stops from the screw's ends where the sheet has
+        none; None where the stops fill the travel.
     """
     stops = np.unique(np.round(position, 6))
     if len(stops) < 2:
@@ -116,7 +118,7 @@ def next_stop(position: Array, sheet: DataSheet) -> float | None:
 def with_stop(run: FrequencyTable, position: float) -> FrequencyTable:
     """The run with an additional stop, its cells like those of the nearest stop.
 
-    Shared errors continue as a straight line of the position: those of a run are a level and a tilt.
+    Shared errors are extrapolated by a straight line along the axis: those of a run are a level and a tilt.
 
     Parameters
     ----------
@@ -133,8 +135,8 @@ def with_stop(run: FrequencyTable, position: float) -> FrequencyTable:
     nearest = run.position[np.argmin(np.abs(run.position - position))]
     cells = np.flatnonzero(run.position == nearest)
     basis = np.stack([np.ones_like(run.position), run.position - position], axis=1)
-    course = np.linalg.lstsq(basis, (run.shared / run.frequency).T, rcond=None)[0]
-    shared = course[0][:, None] * run.frequency[cells]
+    lines = np.linalg.lstsq(basis, (run.shared / run.frequency).T, rcond=None)[0]
+    shared = lines[0][:, None] * run.frequency[cells]  # at the new stop, where the second column is 0
     return replace(
         run,
         id="",
@@ -148,14 +150,14 @@ def with_stop(run: FrequencyTable, position: float) -> FrequencyTable:
 
 
 def _with_known_preload(fit: Fit, spread: float) -> Array:
-    """Covariance with a known preload of the reference group."""
+    """Covariance of the unknowns after a known P_ref of this relative standard uncertainty."""
     row = np.zeros((1, len(fit.unknown)))
     row[0, _PRELOAD] = 1.0
     return _updated(fit.covariance, row, np.array([[spread**2]]))
 
 
 def _with_run(given: CalibrationInput, fit: Fit, scale: float, run: FrequencyTable) -> Array:
-    """Covariance with one more run, at the preload of the heaviest."""
+    """Covariance of the unknowns after one more run, at the preload of that with the heaviest load."""
     problem, variation = fit.problem, given.variation
     group = given.groups[int(np.argmax([other.load for other in given.runs]))]
     runs, groups = [*given.runs, run], [*given.groups, group]
@@ -167,36 +169,39 @@ def _with_run(given: CalibrationInput, fit: Fit, scale: float, run: FrequencyTab
     if group:
         slopes[:, SIZE + group - 1] = gradients[:, SIZE] + worn_nut_slopes([run], variation.assumptions)
     all_slopes = np.vstack([problem.jacobian(fit.unknown), slopes])
+    # The rows are the cells and anchors of the fit, then the cells of the run; ``cells`` has no anchors.
     old, n = len(problem.observed), len(problem.position)
     covariance = block_diag(problem.covariance, cells[n:, n:])
     covariance[:n, old:], covariance[old:, :n] = cells[:n, n:], cells[n:, :n]
-    # With the variances added to outliers the joint matrix need not be positive.
+    # The variances of outliers were increased, their covariances not: the joint matrix need not be positive.
     values, vectors = np.linalg.eigh(covariance)
     covariance = vectors * np.maximum(values, 1e-12 * values.max()) @ vectors.T
-    return settled_covariance(fit.directions, all_slopes, covariance)
+    return covariance_by_rows(fit.directions, all_slopes, covariance)
 
 
 def _with_half_preload(fit: Fit, run: FrequencyTable, variation: ExperimentVariation) -> Array:
-    """Covariance with a run at half the preload, both preloads known: rows of the change between them."""
+    """Covariance of the unknowns after a run at half of P_ref, with both preloads known.
+
+    Its rows are the changes of ln f from the reference to half of it, which errors that repeat hardly affect.
+    """
     model = fit.model
     now = gradient(model, run.position, run.load, 1.0)
     half = gradient(model, run.position, run.load, 0.5)
     repeats = with_repeating_load(run).repeats.astype(float)[:, None]
+    # Variance of a difference: twice that of one run, less what repeats in both.
     shared = run.shared * np.sqrt(2 * (1 - variation.assumptions.repeats * repeats))
     noise = (shared.T @ shared + 2 * np.diag(run.own**2)) / np.outer(run.frequency, run.frequency)
     for effect in experiment_effects(run, model, variation, math.log(0.5)):
         noise += np.outer(effect, effect)
     noise += FLOOR**2 * np.eye(len(noise))
     by_ratio = half[:, SIZE] + worn_nut_slopes([run], variation.assumptions)
-    noise += (
-        2 * KNOWN_PRELOAD**2 * np.outer(by_ratio, by_ratio)
-    )  # error of the ratio of the two known preloads
+    noise += 2 * KNOWN_PRELOAD**2 * np.outer(by_ratio, by_ratio)  # error of the ratio of both preloads
     slopes = np.zeros((len(half), len(fit.unknown)))
     slopes[:, :SIZE] = half[:, :SIZE] - now[:, :SIZE]
     return _updated(_with_known_preload(fit, KNOWN_PRELOAD), slopes, noise)
 
 
 def _updated(covariance: Array, slopes: Array, noise: Array) -> Array:
-    """Covariance after additional rows."""
+    """Covariance of the unknowns after additional rows, with ``noise`` the covariance of these."""
     gain = covariance @ slopes.T
     return np.asarray(covariance - gain @ np.linalg.solve(slopes @ gain + noise, gain.T))

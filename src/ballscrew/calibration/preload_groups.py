@@ -19,7 +19,8 @@ from ballscrew.calibration.frequency_table import FrequencyTable
 SAME_DAY = timedelta(days=1)
 """Runs that begin within it of the first are one experiment: no screw wears measurably in a day."""
 
-_SAME_PRELOAD = 2.0  # standard uncertainties of the difference of two known preloads
+# Standard uncertainties of the difference of two known preloads, up to which they are the same.
+_SAME_PRELOAD = 2.0
 
 
 def preload_groups(
@@ -43,7 +44,7 @@ def preload_groups(
     Returns
     -------
     tuple of int
-        0 for the first run's group, then in the order of appearance.
+        Number of each run's group: 0 for that of the first run, the others in the order of appearance.
     """
     days = _days(measured_at)
     preloads: dict[int, list[Quantity]] = {}
@@ -102,7 +103,7 @@ def preload_doubts(
     known: Mapping[str, Quantity],
     assumptions: Assumptions,
 ) -> list[Doubt]:
-    """Doubt of runs of the reference state that differ in preload, by the pair that does most significantly.
+    """Doubt of runs without a known preload whose preloads differ, by the most significant difference.
 
     Parameters
     ----------
@@ -130,12 +131,13 @@ def preload_doubts(
         first, second = pair
         change = abs(float(log_ratios[second] - log_ratios[first]))
         variance = covariance[first, first] + covariance[second, second] - 2 * covariance[first, second]
-        warmer = np.nan_to_num(celsius[second] - celsius[first])
+        warmer = np.nan_to_num(celsius[second] - celsius[first])  # 0 where a temperature is not known
         spread = math.hypot(math.sqrt(max(variance, 0.0)), assumptions.temperature * warmer)
         differences.append((change / spread, change, spread, pair))
     if not differences:
         return []
     significance, change, spread, pair = max(differences)
+    # Two-sided limit of a normal distribution, by Bonferroni for the number of pairs.
     if significance <= -ndtri(assumptions.false_alarm / 2 / len(differences)):
         return []
     names = [runs[list(groups).index(group)].id[:12] for group in pair]
@@ -194,7 +196,7 @@ def _days(measured_at: Sequence[str | None]) -> list[int]:
 
 
 def _same_preload(preload: Quantity, others: Sequence[Quantity]) -> float | None:
-    """The first of other preloads that agrees with this one."""
+    """Value of the first of other preloads that agrees with this one, N; None if none does."""
     for other in others:
         spread = math.hypot(preload.standard_uncertainty, other.standard_uncertainty)
         if abs(preload.value - other.value) <= _SAME_PRELOAD * spread:
@@ -203,7 +205,7 @@ def _same_preload(preload: Quantity, others: Sequence[Quantity]) -> float | None
 
 
 def _time(text: str | None) -> datetime | None:
-    """Time of a text in ISO 8601, in UTC where it states no zone; None where it is none."""
+    """Time of a text in ISO 8601, in UTC where it states no zone; None for another text."""
     if text is None:
         return None
     try:

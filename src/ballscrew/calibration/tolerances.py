@@ -1,13 +1,17 @@
 """Tolerances of the data sheet as limits: resampling of a calibration's posterior samples.
 
-The calibration is a normal distribution, in which the tolerances of the data sheet are normal ones of the
-same variance. They are rectangular (JCGM 100:2008, 4.3.7): an interval that depends on them is a fifth too
-wide with normal ones. So each sample determines the logarithms of the sheet's numbers, and gets the weight
-of the rectangular over the normal density. Measurements enter through the working vector alone, so this is
-exact as far as the model is linear in these logarithms.
+The posterior of the calibration is a normal distribution, in which the numbers of the data sheet have normal
+distributions with the variance of their tolerances. The tolerances are limits, which make these distributions
+rectangular (JCGM 100:2008, 4.3.7): with normal ones, an interval that depends on them is a fifth too wide. So
+the logarithms of the sheet's numbers are computed for each sample, which gets as its weight the rectangular
+density over the normal one. Measurements enter through the working vector alone, so this is exact as far as
+the model is linear in these logarithms.
 
 A number that the calibration itself estimates outside its tolerance is wrong in the data sheet; its tolerance
 is then not used, and it retains the normal distribution of the calibration.
+
+All numbers are deviations of logarithms from the sheet's, in the standard uncertainty by the tolerance,
+tolerance/√3.
 """
 
 from __future__ import annotations
@@ -29,11 +33,13 @@ from ballscrew.calibration.model_forms import ModelForm
 _LIMIT = math.sqrt(3.0)  # of a rectangular distribution, in its standard uncertainties
 _SIGNIFICANT = 1.645  # standard uncertainties beyond a tolerance: outside at a probability of 95 %
 _SURPRISING = 2.58  # standard deviations of an estimate before any data: by chance in one of a hundred
-_OUTSIDE = 0.02  # of the numbers lie outside: normal about the sheet's value, with the tolerance as deviation
-_LEAST_EFFECTIVE = 0.1  # of the samples, by their weights; with fewer no sample is preferred
-_LEAST_EFFECT = 0.05  # on share and preload, relative to the largest: smaller ones are not bounded
+# Part of the sheets' numbers that lie outside their tolerance: they are normal about the sheet's value, with
+# the tolerance as the standard deviation.
+_OUTSIDE = 0.02
+_LEAST_EFFECTIVE = 0.1  # effective part of the samples by their weights; with less all count alike
+_LEAST_EFFECT = 0.05  # on share and preload, relative to the largest: a number with less is not limited
 _ROUNDING = 1e-10  # relative eigenvalue that is zero
-_FIRST = 0.5  # of a step: the first place of systematic resampling
+_FIRST = 0.5  # first place of the systematic resampling, in steps
 _SLACK = 1e-3  # of a variance or an effect, for the rounding of a file
 
 
@@ -58,7 +64,7 @@ def estimate_tolerances(form: ModelForm, vector: Array) -> tuple[ToleranceEstima
     change = np.zeros_like(vector)
     change[finite] = vector[finite] - form.mean[finite]
     effects = np.stack(list(form.tolerances.values()), axis=1)
-    estimates = _gain(effects, form.covariance) @ change
+    estimates = _numbers_by_vector(effects, form.covariance) @ change
     rows = zip(form.tolerances.items(), estimates.tolist(), strict=True)
     return tuple(ToleranceEstimate(field, effect, estimate) for (field, effect), estimate in rows)
 
@@ -87,25 +93,25 @@ def tolerance_doubts(
     Returns
     -------
     list of Doubt
-        Those that are so significantly, by the names of their fields, and the one that is estimated farthest
-        off where the data contradict the sheet.
+        Doubts of numbers that are significantly outside, by the names of their fields; where the data
+        contradict the sheet, also of the number that is estimated farthest from it.
     list of str
-        Notes on the others.
+        Notes on numbers that are outside, but not significantly.
     """
     if not estimates:
         return [], []
     widths = tolerances(sheet)
     effects = np.stack([number.effects for number in estimates], axis=1)
-    gain = _gain(effects, prior)
+    gain = _numbers_by_vector(effects, prior)
+    # Variance of each number by the calibration: by the working vector, and what this leaves undetermined.
     variances = np.diag(gain @ covariance @ gain.T + np.eye(len(estimates)) - gain @ effects)
     advice = "check that the sheet belongs to this axis, and check the loads and known preloads"
     doubts, notes = [], []
-    # Before any data the estimate of a number has the variance that the data remove. Frequencies at one
+    # Before any data the estimate of a number has the variance that the data will remove. Frequencies at one
     # preload move all numbers together: the one that moves most is named.
-    surprises = np.abs([number.estimate for number in estimates]) / np.sqrt(
-        np.maximum(1 - variances, _ROUNDING)
-    )
-    moved = estimates[int(np.argmax(np.abs([number.estimate for number in estimates])))].field
+    sizes = np.abs([number.estimate for number in estimates])
+    surprises = sizes / np.sqrt(np.maximum(1 - variances, _ROUNDING))
+    moved = estimates[int(np.argmax(sizes))].field
     for number, variance, surprise in zip(estimates, variances.tolist(), surprises.tolist(), strict=True):
         text = _estimated(number, widths[number.field])
         excess = abs(number.estimate) - _LIMIT
@@ -122,6 +128,7 @@ def tolerance_doubts(
 
 
 def _estimated(number: ToleranceEstimate, width: float) -> str:
+    """A number's estimate and its tolerance ``width`` (relative) in words."""
     percent = 100 * math.exp(number.estimate * width / _LIMIT)
     return (
         f"{number.field} is estimated at {percent:.0f} % of the data sheet's value, which has a tolerance of "
@@ -130,7 +137,7 @@ def _estimated(number: ToleranceEstimate, width: float) -> str:
 
 
 def is_part_of_prior(estimates: Sequence[ToleranceEstimate], prior: Array) -> bool:
-    """Test if the effects of the tolerances can be a part of the prior.
+    """Whether the prior can contain the variance by the tolerances.
 
     Parameters
     ----------
@@ -142,12 +149,13 @@ def is_part_of_prior(estimates: Sequence[ToleranceEstimate], prior: Array) -> bo
     Returns
     -------
     bool
-        False where they have more variance in some direction than the prior.
+        False where their effects have more variance in some direction than the prior.
     """
     if not estimates:
         return True
     effects = np.stack([number.effects for number in estimates], axis=1)
-    remaining = np.linalg.eigvalsh(np.eye(len(estimates)) - _gain(effects, prior) @ effects)
+    # Variances of the numbers for a given working vector, and effects outside the space of the prior.
+    remaining = np.linalg.eigvalsh(np.eye(len(estimates)) - _numbers_by_vector(effects, prior) @ effects)
     outside = effects - prior @ np.linalg.pinv(prior, rcond=_ROUNDING, hermitian=True) @ effects
     largest = max(float(np.abs(effects).max()), 1e-9)
     return bool(remaining[0] >= -_SLACK and np.abs(outside).max() <= _SLACK * largest)
@@ -174,7 +182,7 @@ def log_density_ratio(numbers: Array) -> Array:
 def resample_within_tolerances(
     estimates: Sequence[ToleranceEstimate], prior: Array, deviations: Array, normal: Array, count: int
 ) -> NDArray[np.intp]:
-    """Samples of a calibration, chosen by the density of the sheet's numbers.
+    """Samples of a calibration, resampled by the density of the sheet's numbers.
 
     Parameters
     ----------
@@ -187,31 +195,32 @@ def resample_within_tolerances(
     normal : ndarray, shape (n, k)
         Independent standard-normal numbers: the vector alone does not determine the sheet's numbers.
     count : int
-        How many to choose, n at most.
+        Number of samples to choose, at most n.
 
     Returns
     -------
     ndarray of int, shape (count,)
-        Rows; evenly from all where no number is bounded.
+        Rows of the chosen samples; evenly from all where no number is limited.
     """
     evenly = systematic(np.full(len(deviations), 1 / len(deviations)), _FIRST, count)
-    bounded = _bounded(estimates)
-    if not bounded.any():
+    limited = _limited(estimates)
+    if not limited.any():
         return evenly
     effects = np.stack([number.effects for number in estimates], axis=1)
-    gain = _gain(effects, prior)
+    gain = _numbers_by_vector(effects, prior)
+    # The numbers are their estimates from the vector, and a part that the vector does not determine.
     size, axes = np.linalg.eigh(np.eye(len(estimates)) - gain @ effects)
     remaining = normal * np.sqrt(np.clip(size, 0.0, None)) @ axes.T
     numbers = np.array([number.estimate for number in estimates]) + deviations @ gain.T + remaining
-    log_weights = log_density_ratio(numbers[:, bounded])
+    log_weights = log_density_ratio(numbers[:, limited])
     weights = np.exp(log_weights - log_weights.max())
     if float(weights.sum()) ** 2 < _LEAST_EFFECTIVE * len(weights) * float(weights @ weights):
         return evenly
     return systematic(weights / float(weights.sum()), _FIRST, count)
 
 
-def _bounded(estimates: Sequence[ToleranceEstimate]) -> NDArray[np.bool_]:
-    """Numbers that affect the preload and lie within their tolerance, shape (k,)."""
+def _limited(estimates: Sequence[ToleranceEstimate]) -> NDArray[np.bool_]:
+    """Mask of the numbers that affect the preload and are estimated within their tolerance, shape (k,)."""
     at = [PARAMETERS.index("share"), PARAMETERS.index("preload")]
     effect = np.array([float(np.linalg.norm(number.effects[at])) for number in estimates])
     distance = np.abs(np.array([number.estimate for number in estimates]))
@@ -219,6 +228,6 @@ def _bounded(estimates: Sequence[ToleranceEstimate]) -> NDArray[np.bool_]:
     return np.asarray((distance <= _LIMIT) & relevant)
 
 
-def _gain(effects: Array, prior: Array) -> Array:
-    """Estimate of the numbers from a working vector, shape (k, 7)."""
+def _numbers_by_vector(effects: Array, prior: Array) -> Array:
+    """Matrix, shape (k, 7), that estimates the k numbers from a deviation of the working vector."""
     return np.asarray(effects.T @ np.linalg.pinv(prior, rcond=_ROUNDING, hermitian=True))

@@ -11,7 +11,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.frequency_table import FrequencyTable
 
-_LEAST_RATIO = 1e-3  # of preloads, for the logarithm
+_LEAST_RATIO = 1e-3  # least ratio of preloads in the logarithm
 
 
 def frequency_loss_under_load(
@@ -19,29 +19,29 @@ def frequency_loss_under_load(
 ) -> tuple[Array, Array]:
     """Relative error of a worn nut's frequencies by the load of the test.
 
-    The frequency estimate assumes the softening of a new nut as far as one run does not determine it. By the
-    nut's law the remaining error grows with the wear; its size depends on the load on the nut and on how far
-    the run's own data determined the softening, and a run states neither. It states the product, as its
-    uncertainty term "load". The correction is a multiple of that, so uncertain that its 95 % interval
-    contains no correction and twice as much.
+    Where one run does not determine the softening of the nut by the load, the frequency estimate assumes that
+    of a new nut. By the nut's law the error of this assumption grows with the wear. It depends on the load on
+    the nut, and on how far the run's own data determine the softening; a run states neither, but their
+    product, as its uncertainty term "load". The correction is a multiple of this term, so uncertain that its
+    95 % interval contains no correction and twice as much.
 
     Parameters
     ----------
     run : FrequencyTable
-        At the reference of the ratio; states the term.
+        Run that states the term; its preload is the reference of the ratio.
     rows : sequence of int
-        Which of its cells.
+        Rows of the cells in ``run``.
     ratio : float
-        P over the preload of that run.
+        Preload of the worn nut over that of ``run``.
     assumptions : Assumptions
-        Multiple of the term, and its uncertainty.
+        With the multiple of the term, ``nut_load``, and its uncertainty.
 
     Returns
     -------
-    ndarray, shape (rows,)
-        Relative error: the frequency is too low by it.
-    ndarray, shape (rows,)
-        Its standard deviation.
+    loss : ndarray, shape (rows,)
+        Relative error by which the frequency is too low.
+    spread : ndarray, shape (rows,)
+        Standard deviation of the loss.
     """
     term = nut_load_uncertainty(run)[list(rows)] / run.frequency[list(rows)]
     error = term * -math.log(max(ratio, _LEAST_RATIO))
@@ -49,7 +49,7 @@ def frequency_loss_under_load(
 
 
 def nut_load_uncertainty(run: FrequencyTable) -> Array:
-    """Uncertainty term "load" of each cell, Hz; 0 where the run has none."""
+    """Uncertainty term "load" of each cell, Hz, shape (n,); 0 where the run has none."""
     total = np.zeros_like(run.frequency)
     for name, effect in zip(run.shared_names, run.shared, strict=True):
         if is_nut_load(name):
@@ -58,5 +58,5 @@ def nut_load_uncertainty(run: FrequencyTable) -> Array:
 
 
 def is_nut_load(name: str) -> bool:
-    """True for an error by the nut's load; in a run without shared errors it is a level and a tilt."""
+    """Whether a shared error is that by the load on the nut, or its level or tilt: "load: level"."""
     return name.split(":")[0] == "load"
