@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import io
 import os
 import re
@@ -14,6 +15,7 @@ from ballscrew import __version__
 from ballscrew.base.errors import BallscrewError, InputError, MeasurementError
 from ballscrew.cli.app import app
 from ballscrew.cli.shell import run
+from ballscrew.recording.readers.process import IN_PROCESS
 
 COMMANDS = [
     "amend", "analyze", "calibrate", "demo", "frf", "init", "monitor", "plan", "preload", "quality",
@@ -147,6 +149,34 @@ def test_interrupted(monkeypatch, capsys):
         assert (outcome.out, outcome.err) == ("", "ballscrew: interrupted.\n")
 
 
+def test_an_interrupt_outside_of_a_command(monkeypatch, capsys):
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ballscrew.cli.shell._status", interrupt)
+    assert run(["quality", "a.h5"]) == 130
+    outcome = capsys.readouterr()
+    assert (outcome.out, outcome.err) == ("", "ballscrew: interrupted.\n")
+
+
+def test_a_process_without_a_standard_output(rig, monkeypatch, capsys):
+    """As one has that a Windows program without a console starts."""
+    with monkeypatch.context() as patched:
+        patched.setattr(sys, "stdout", None)
+        patched.setattr(sys, "stderr", None)
+        assert run(["--version"]) == 0
+        assert sys.stdout.getvalue() == f"ballscrew {__version__}\n"
+        assert run(["quality", str(rig / "none.h5")]) == 2
+        assert "none.h5" in sys.stderr.getvalue()
+    assert capsys.readouterr() == ("", "")
+
+
+def test_recordings_are_read_in_this_process_on_request(ballscrew, monkeypatch):
+    monkeypatch.setenv(IN_PROCESS, "")
+    assert ballscrew("--in-process", "--version").status == 0
+    assert os.environ[IN_PROCESS] == "1"
+
+
 def ending(code, **streams):
     """Process that runs ``ballscrew quality a.h5``, whose module is replaced by one with ``code``."""
     text = f"""
@@ -210,6 +240,20 @@ def test_an_unexpected_error_is_a_sentence_and_a_report(monkeypatch, capsys, tmp
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
     assert run(["quality", "a.h5"]) == 70
     assert "no report could be written" in capsys.readouterr().err
+
+
+def test_an_error_of_the_system_that_no_command_expects_is_reported(monkeypatch, capsys, tmp_path):
+    def fail(*_, **__):
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("ballscrew.cli.analyze.quality_command", fail)
+    assert run(["quality", "a.h5"]) == 70
+    outcome = capsys.readouterr()
+    assert outcome.out == ""
+    assert one_sentence(outcome.err)
+    assert f"(OSError: [Errno {errno.EIO}] Input/output error): this is a bug" in outcome.err
+    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_every_error_has_its_status(monkeypatch, capsys):

@@ -248,3 +248,35 @@ def test_the_times_of_a_tncscope_file_contradict_no_rate(tmp_path: Path) -> None
 def test_a_frequency_response_is_for_another_command(data: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="analyse it by ballscrew frf"):
         init([data / "machine-files" / "sinumerik-freq-trace.xml"], tmp_path)
+
+
+def test_a_second_position_is_not_used_and_a_missing_torque_is_named(ballscrew, tmp_path: Path) -> None:
+    t = np.arange(2000) / 1000
+    columns = np.stack([t, 100 * np.sin(t), 100 * np.sin(t) + 1], axis=1)
+    recording = tmp_path / "trip.csv"
+    head = "time [s],position [mm],position reference [mm]"
+    np.savetxt(recording, columns, fmt="%.6f", delimiter=",", header=head, comments="")
+    outcome = ballscrew("init", recording, "--out", tmp_path)
+    words = " ".join(outcome.out.split())
+    assert words.count("not used") == 1
+    assert words.index("position reference") < words.index("not used")
+    assert "• channels.toml: no channel looks like a torque, a force or a current; name the one" in words
+    assert "name the position" not in words
+    torque = tmp_path / "torque.csv"
+    np.savetxt(torque, columns[:, :2], fmt="%.6f", delimiter=",", header="time [s],torque [Nm]", comments="")
+    words = " ".join(ballscrew("init", torque, "--out", tmp_path, "--force").out.split())
+    assert "no channel looks like a torque" not in words
+    assert "not used" not in words
+
+
+def test_a_recording_on_another_drive_has_its_whole_path(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def relpath(*_: object) -> str:
+        raise ValueError("path is on mount 'D:', start on mount 'C:'")
+
+    monkeypatch.setattr("ballscrew.cli.init.os.path.relpath", relpath)
+    recording = make(tmp_path / "in.h5", torque=np.zeros(100))
+    init([recording], tmp_path / "out")
+    run = tomllib.loads((tmp_path / "out" / "run.toml").read_text(encoding="utf-8"))
+    assert run["files"] == [recording.resolve().as_posix()]

@@ -190,3 +190,45 @@ def test_a_link_out_of_the_folder_is_refused(folder: Path, tmp_path_factory: pyt
     trip.unlink()
     trip.symlink_to(folder / "inside.csv")
     assert watched(folder).failures == ()
+
+
+def test_a_hidden_folder_is_not_watched(folder: Path) -> None:
+    hidden = folder / ".trash"
+    hidden.mkdir()
+    add_run(hidden, "day-03")
+    (hidden / "broken.toml").write_text("files = [", encoding="utf-8")
+    found = watched(folder)
+    assert (len(found.runs), found.failures) == (3, ())
+
+
+def test_a_run_whose_time_has_changed_is_analysed_again(folder: Path) -> None:
+    watched(folder)
+    source = folder / "day-01" / "run.toml"
+    text = source.read_text(encoding="utf-8")
+    time = str(RUNS["day-01"].measured_at)
+    later = time.replace("T08", "T09")
+    source.write_text(text.replace(time, later), encoding="utf-8")
+    assert watched(folder).analyzed == (source,)
+    assert Run.read(source.with_suffix(".json")).measured_at == later
+
+
+def test_a_run_of_another_axis_does_not_count(folder: Path) -> None:
+    def of_another(source: Path) -> Run:
+        name = "the other" if source.parent.name == "day-01" else "bench"
+        return replace(analyzed(source), axis=name)
+
+    found = watched(folder, of_another)
+    (failure,) = found.failures
+    assert failure == f"{folder / 'day-01' / 'run.toml'}: is of the axis 'the other', the model of 'bench'."
+    assert len(found.monitored.state.runs) == 2
+    assert not (folder / "day-01" / "run.preload.json").exists()
+
+
+def test_a_file_that_is_no_preload_is_named_and_stays(folder: Path) -> None:
+    other = folder / "day-01" / "run.preload.json"
+    other.write_text('{"schema": 2, "mine": 1}', encoding="utf-8")
+    (failure,) = watched(folder).failures
+    assert failure.startswith(f"{other}: ")
+    assert "is not a preload of ballscrew" in failure
+    assert other.read_text(encoding="utf-8") == '{"schema": 2, "mine": 1}'
+    assert (folder / "day-02" / "run.preload.json").is_file()
