@@ -26,6 +26,7 @@ from ballscrew.reproduction import plant_histories
 from ballscrew.reproduction.plant import PLANT, WEEKS, PlantAxis, rig_of
 from ballscrew.service import demo
 from ballscrew.service.demo_processes import demo_processes
+from ballscrew.service.jobs import ASSESS, enqueue
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.store.checking import verify
@@ -33,7 +34,8 @@ from ballscrew.store.folder import DataFolder, at_time, now
 from ballscrew.store.migrating import create_store
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.rows import unpack
-from ballscrew.store.tables import Axis, ResultRow, RunRow, Source
+from ballscrew.store.service_tables import JobRow
+from ballscrew.store.tables import AlarmRow, Axis, ResultRow, RunRow, Source
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import constants
 
@@ -323,3 +325,88 @@ def test_the_histories_of_all_axes_come_or_the_error_of_one(
             assert {history.axis.name for history in histories} == {axis.name for axis in (*SMALL, ALONE)}
             alike = dict.fromkeys([ABSENT.name, ALIKE.name], HEALTHY.name)
             assert templates == {HEALTHY.name: None, ALONE.name: None} | alike
+
+
+def test_a_folder_that_cannot_be_created_is_a_sentence(tmp_path: Path, imitated_plant: list[Path]) -> None:
+    (tmp_path / "letter.txt").write_text("mine")
+    data = tmp_path / "letter.txt" / "plants" / "new"
+    with pytest.raises(InputError, match="cannot be created"), demo.demo_store(data, UNUSED):
+        pytest.fail("it was made")
+    assert imitated_plant == []
+
+
+@pytest.fixture
+def worn_plant(worn_service: Service) -> demo._Plant:
+    """A plant whose only axis is in alarm."""
+    return demo._Plant(worn_service, PRESENT)
+
+
+BENCH = replace(HEALTHY, name="bench", recorded=(), raised=_FIRST + 3)
+STORY = (
+    (1.0, "acknowledge", "A nut is ordered."),
+    (1.5, "nut replaced", "New nut."),
+    (2.0, "close", "Worn."),
+)
+
+
+def test_people_act_on_the_newest_alarm_of_an_axis_and_record_events(worn_plant: demo._Plant) -> None:
+    first = BENCH.measured_at(0, PRESENT)
+    for weeks, kind, text in STORY:
+        at = first + timedelta(weeks=weeks)
+        with at_time(at):
+            worn_plant._act(BENCH, kind, text, at)
+            worn_plant._act(replace(BENCH, name="none"), "acknowledge", text, at)  # which has no alarm
+        with client_of(worn_plant.service) as client:
+            (alarm,) = client.get("/api/v1/alarms").json()["alarms"]
+            events = client.get("/api/v1/axes/bench/trend").json()["events"]
+        assert alarm["state"] == {"close": "closed"}.get(kind, "acknowledged")
+    assert (alarm["actions"][-1]["text"], alarm["actions"][-1]["finding"]) == ("Worn.", "preload loss")
+    assert [(event["kind"], event["text"]) for event in events] == [("nut replaced", "New nut.")]
+
+
+def test_what_happened_to_an_axis_is_done_in_the_order_of_time(
+    worn_plant: demo._Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[tuple[str, datetime]] = []
+
+    def note(name: str) -> Any:
+        return lambda *given: done.append(
+            (given[2] if name == "act" else name, datetime.fromisoformat(now()))
+        )
+
+    for name in ("set_up", "assess", "act"):
+        monkeypatch.setattr(demo._Plant, f"_{name}", note(name))
+    axis = replace(BENCH, story=tuple((BENCH.first + weeks, kind, text) for weeks, kind, text in STORY))
+    history: Any = SimpleNamespace(axis=axis, runs={}, recordings={}, model=None)
+    worn_plant.replay(history)
+    weeks = [(at - axis.measured_at(axis.first, PRESENT)).total_seconds() / 604_800 for _, at in done]
+    assert [name for name, _ in done] == ["set_up", "acknowledge", "nut replaced", "close", "assess"]
+    assert weeks == pytest.approx([0.0, 1.0, 1.5, 2.0, 3.0], abs=0.01)
+
+
+def test_an_alarm_is_dated_when_its_run_was_received(worn_plant: demo._Plant) -> None:
+    """As by a server that was there; one that was raised soon after its run stays as it is."""
+    with worn_plant.service.store.read() as session:
+        began = datetime.fromisoformat(session.scalars(select(AlarmRow)).one().began_at)
+    worn_plant.date_alarms()
+    later = began + timedelta(hours=3)
+    for expected in (began + timedelta(minutes=12), later):
+        with worn_plant.service.store.write("test") as session:
+            row = session.scalars(select(AlarmRow)).one()
+            assert expected == later or datetime.fromisoformat(row.raised_at) == expected
+            row.raised_at = later.isoformat()
+        worn_plant.date_alarms()
+    with worn_plant.service.store.read() as session:
+        assert datetime.fromisoformat(session.scalars(select(AlarmRow)).one().raised_at) == later
+
+
+def test_an_axis_is_assessed_in_the_middle_of_its_history(
+    worn_plant: demo._Plant, worn_service: Service
+) -> None:
+    with worn_service.store.write("test") as session:
+        enqueue(session, ASSESS, "bench")
+        session.scalars(select(Axis)).one().changed_at = "2026-03-01T00:00:00+00:00"
+    worn_plant._assess(BENCH)
+    with worn_service.store.read() as session:
+        assert session.scalars(select(JobRow)).all() == []
+        assert session.scalars(select(Axis)).one().changed_at is None
