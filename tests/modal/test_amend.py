@@ -87,3 +87,37 @@ def test_what_cannot_be_amended(documents: tuple[DataSheet, Plan]) -> None:
         amend(run, mass=1000.0, axis=sheet, plan=plan)
     with pytest.raises(InputError, match="0 kg or more"):
         amend(run, mass=-1.0, axis=sheet, plan=plan)
+
+
+def test_a_load_that_is_no_mass_is_refused(documents: tuple[DataSheet, Plan]) -> None:
+    sheet, plan = documents
+    run = measured(sheet, plan, 100.0, None)
+    with pytest.raises(InputError, match=r"the load \(--mass\) is '5 mm': "):
+        amend(run, mass="5 mm", axis=sheet, plan=plan)
+
+
+def test_a_run_that_was_refused_for_its_load_is_to_be_analysed_again(
+    documents: tuple[DataSheet, Plan],
+) -> None:
+    sheet, plan = documents
+    refused = measured(sheet, plan, 100.0, 1000.0)
+    with pytest.raises(InputError, match="refused because of its load; analyse it again with --mass"):
+        amend(refused, mass=100.0, axis=sheet, plan=plan)
+
+
+def test_a_bad_measurement_stays_bad_with_another_load(documents: tuple[DataSheet, Plan]) -> None:
+    sheet, plan = documents
+    wrong = amend(measured(sheet, plan, 100.0, None), mass=60.0, axis=sheet, plan=plan)
+    clipped = replace(wrong, quality=Quality("bad", ("clipped", *wrong.quality.reasons)))
+    assert amend(clipped, mass=100.0, axis=sheet, plan=plan).quality == Quality("bad", ("clipped",))
+
+
+def test_without_a_fitted_mass_the_load_is_compared_with_the_plan_alone(
+    documents: tuple[DataSheet, Plan],
+) -> None:
+    sheet, plan = documents
+    run = replace(measured(sheet, plan, 100.0, None), rigid_body=RigidBodyResult())
+    assert amend(run, mass=100.0, axis=sheet, plan=plan).quality.verdict == "good"
+    other = amend(run, mass=60.0, axis=sheet, plan=plan)
+    (reason,) = other.quality.reasons
+    assert "not in the plan" in reason

@@ -4,7 +4,9 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
+from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.trace import SAMPLES_PER_PERIOD
 from ballscrew.modal.cell import CellResult
@@ -12,6 +14,8 @@ from ballscrew.modal.joint.analysis import (
     _clock_uncertainty,
     _with_lost_end,
     signal_reducer,
+    suspect_delayed,
+    suspect_rotating,
     suspect_unexcited,
 )
 from ballscrew.modal.joint.identify import too_slow
@@ -83,3 +87,46 @@ def test_the_clocks_uncertainty_is_at_least_its_deviation_from_the_plan() -> Non
         measurement = SimpleNamespace(clock=Clock(error, 5e-5))
         assert _clock_uncertainty(measurement, settings) == expected
     assert _clock_uncertainty(SimpleNamespace(clock=None), settings) == settings.clock
+
+
+def test_cells_whose_mode_is_a_rotation_of_the_table_are_suspect(monkeypatch: pytest.MonkeyPatch) -> None:
+    rotations = [("pitch", 2.34), None, None]
+    monkeypatch.setattr("ballscrew.modal.joint.analysis.rotating_modes", lambda *_: rotations)
+    refused = replace(CELL, frequency_Hz=None, standard_uncertainty_Hz=None, verdict="refused")
+    pitching, *others = suspect_rotating([replace(CELL, reasons=("wide",)), CELL, refused], ())
+    assert pitching.verdict == "suspect"
+    assert pitching.reasons[0] == "wide"
+    assert "by pitch the ends of the table move 2.3 times as much across the screw" in pitching.reasons[1]
+    assert pitching.frequency_Hz == CELL.frequency_Hz
+    assert others == [CELL, refused]
+
+
+def test_a_delayed_motion_of_the_motor_makes_all_good_cells_suspect_with_a_reason() -> None:
+    refused = replace(CELL, frequency_Hz=None, standard_uncertainty_Hz=None, verdict="refused")
+    cells = suspect_delayed([CELL, refused])
+    assert [cell.verdict for cell in cells] == ["suspect", "refused"]
+    for cell in cells:
+        assert cell.reason_kinds == ("measurement",)
+        assert "the motor's motion is delayed against the torque" in cell.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"band_low": 1.0}, "the band reaches from 1 to 2.6 times the mode's frequency; it must contain"),
+        ({"band_high": 0.9}, "it must contain the mode"),
+        ({"band_high": float("inf")}, "it must contain the mode"),
+        ({"lowest": 500.0, "highest": 400.0}, "the mode is sought from 500 to 400 Hz"),
+        ({"lowest": 0.0}, "the first must be above 0 and below the second"),
+        ({"rate": 5.9}, "the rate is 5.9 times the mode's frequency; it must be 6 or more"),
+        ({"rate": float("nan")}, "the rate is nan times"),
+        ({"clock": 0.0}, "clock is 0; it must be more than 0"),
+        ({"most_load": -1.0}, "most_load is -1; it must be more than 0"),
+        ({"model_floor": float("nan")}, "model_floor is nan"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(change: dict[str, float], sentence: str) -> None:
+    with pytest.raises(InputError) as error:
+        JointSettings(**change)
+    assert sentence in str(error.value)
+    assert JointSettings(rate=6.0).rate == 6.0

@@ -15,7 +15,15 @@ from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.profile import Profile
 from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
-from ballscrew.modal.joint.verdicts import _other_nut, _reason_of_worst_cell, _responses_differ
+from ballscrew.modal.joint.verdicts import (
+    _other_nut,
+    _reason_of_worst_cell,
+    _responses_differ,
+    _run_reasons,
+    _run_refusal,
+)
+from ballscrew.modal.reason import Reason
+from ballscrew.modal.run import FrameMode
 
 MODE = AxialMode(1e-6, 1.0, 0.0, 0.03, 0.1, 0.5, 0.1, 300.0, 0.03)
 
@@ -78,3 +86,66 @@ def test_a_run_is_suspect_if_motor_and_nut_differ_at_a_stop(
 def test_one_response_is_compared_with_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ballscrew.modal.joint.verdicts.response_difference", lambda _: None)
     assert _responses_differ(cast(JointFit, None), cast(CellFrequencies, None)) is None
+
+
+def search_result(mode: AxialMode, unexplained: float) -> SearchResult:
+    """A result whose fit leaves a part of the response, with a search band from 90 to 450 Hz."""
+    windows = SimpleNamespace(place=np.array([0.0]), band=SimpleNamespace(low=90.0, high=450.0))
+    block = SimpleNamespace(windows=windows, name="torque-nut")
+    fit = SimpleNamespace(modes=(mode,), blocks=(block,), solved=(SimpleNamespace(unexplained=unexplained),))
+    return cast(SearchResult, SimpleNamespace(fit=fit, unwhitened=fit, frame=None, trips=()))
+
+
+@pytest.mark.parametrize(
+    ("unexplained", "share"), [(float("nan"), "0 %"), (0.6, "40 %"), (1.5, "0 %"), (0.4, None)]
+)
+def test_a_run_that_the_mode_explains_too_little_of_is_refused(
+    unexplained: float, share: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frequencies = np.array([200.0, 150.0])
+    monkeypatch.setattr("ballscrew.modal.joint.verdicts.mode_frequency", lambda *_: frequencies)
+    monkeypatch.setattr("ballscrew.modal.joint.verdicts.unexplained_power", lambda _: {})
+    reason = _run_refusal(search_result(MODE, unexplained), JointSettings())
+    if share is None:
+        assert reason is None
+    else:
+        assert reason == Reason(
+            "no-mode", f"a mode along the axis explains only {share} of the response in the band"
+        )
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "refused"), [((440.0, 300.0), True), ((300.0, 92.0), True), ((300.0, 150.0), False)]
+)
+def test_a_mode_at_the_edge_of_the_search_band_is_refused(
+    frequencies: tuple[float, float], refused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("ballscrew.modal.joint.verdicts.mode_frequency", lambda *_: np.array(frequencies))
+    monkeypatch.setattr("ballscrew.modal.joint.verdicts.unexplained_power", lambda _: {})
+    reason = _run_refusal(search_result(MODE, 0.1), JointSettings())
+    assert (reason is not None) == refused
+    if reason is not None:
+        low, high = sorted(frequencies)
+        assert reason.kind == "no-mode"
+        assert reason.text == (
+            f"the mode found, {low:.0f} to {high:.0f} Hz, lies at the edge of the search band"
+        )
+
+
+def with_fields(result: SearchResult, **changes: object) -> SearchResult:
+    return cast(SearchResult, SimpleNamespace(**(vars(result) | changes)))
+
+
+@pytest.mark.parametrize("distinct", [True, False])
+def test_all_cells_are_suspect_if_either_mode_may_be_that_of_the_frame(
+    distinct: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = "ballscrew.modal.joint.verdicts"
+    monkeypatch.setattr(f"{module}._moved_by_ripple", lambda _: False)
+    for name in ("_unmeasured_force", "_other_nut", "_responses_differ"):
+        monkeypatch.setattr(f"{module}.{name}", lambda *_: None)
+    frame = FrameMode(41.0, 0.5, 0.02, 12.3, 0.1, distinct)
+    found = with_fields(search_result(replace(MODE, frame=41.0), 0.1), frame=frame)
+    reasons = _run_reasons(found, cast(CellFrequencies, None))
+    assert [reason.kind for reason in reasons] == ([] if distinct else ["frame"])
+    assert all("the machine's frame has a mode near 41 Hz" in reason.text for reason in reasons)
