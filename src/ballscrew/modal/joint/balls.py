@@ -65,7 +65,7 @@ def find_balls(
     name, w, from_rest, mode
         As for :func:`~ballscrew.modal.joint.ripple.select_orders`.
     lead : float
-        Travel per turn, m.
+        Travel per turn of the motor, m.
     ripple : ndarray, shape (n, k)
         Cosine and sine of the whole orders.
 

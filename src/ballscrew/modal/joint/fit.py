@@ -32,9 +32,9 @@ from ballscrew.modal.joint.parameters import (
 )
 
 CLEAR_REDUCTION = math.log(0.8)
-"""Change of :func:`log_residual` from which on another fit is clearly better: rms residuals 20 % lower.
+"""Change of :func:`log_residual` by which another fit is clearly better.
 
-With several blocks, the product of their rms residuals."""
+The product of the rms residuals of all blocks is then 20 % lower."""
 
 SAMPLES_PER_INDEPENDENT = 5.0
 """Number of samples that contain as much information as an independent one.

@@ -35,16 +35,16 @@ _DAMPING = 0.05  # damping ratio of the frame
 _ROTOR_PART = 0.6  # rotor's part of the total inertia, where the rotor-held frequency is not fitted too
 
 # Least reduction of the log residual by the frame, the pitching mode being fitted with and without it, and
-# largest damping ratio of the frame. On ten random axes in 16 worlds of benchmarks/other_worlds.py
-# without a frame, fits find reductions of 0.06 at most; with frames of 4 to 20 times the moving mass, 0.12 at
-# least in the runs where a frame is found. On the independent bench, which has no frame, three trips find
-# 0.001; single trips find up to 1, with frames of more than 100 times the moving mass. The damping ratios of
+# largest damping ratio of the frame. On ten random axes in 16 worlds of benchmarks/other_worlds.py without a
+# frame, fits find reductions of 0.06 at most; with frames of 4 to 20 times the moving mass, 0.12 at least in
+# the runs where a frame is found. On the independent bench, which has no frame, three trips find 0.001;
+# single trips find up to 1, with frames of more than 100 times the moving mass. The damping ratios of
 # machines are 0.1 at most.
 _LEAST_REDUCTION, _MOST_DAMPING = 0.09, 0.15
 # Largest mass of the frame over the moving mass. With a wrong sheet a fit on that bench finds a frame of 73
 # times the moving mass, a reduction of 0.11 and a damping ratio of 0.06.
 _MOST_MASS = 50.0
-_DISTINCT = 0.1  # least increase of the log residual where axis and frame are interchanged, if they are clear
+_DISTINCT = 0.1  # margin of a FrameSearch above which the run shows which of the two modes is the axis
 _SAME = 0.01  # largest difference of ln(frequency) of two fits that have the same axis
 _OF_FRAME = ("frame", "frame_damping", "coupling")  # fields of AxialMode
 _NEAR = (0.45, 2.2)  # range of the frame's frequency over the axial one

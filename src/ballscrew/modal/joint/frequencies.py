@@ -107,7 +107,7 @@ class CellFrequencies:
         Natural frequency with the rotor held and its standard uncertainty, Hz; the latter is not finite if
         the run does not determine the frequency.
     nut_load : ndarray, shape (cells,)
-        Highest load on the nut over its preload.
+        Highest load on the nut over its preload; at least that by the data sheet's lower limit.
     """
 
     free: Array

@@ -65,7 +65,7 @@ class Force:
     Parameters
     ----------
     lead : float
-        Travel per turn, m.
+        Travel per turn of the motor, m.
     orders : tuple of int
         Whole orders, periods per turn, ascending.
     balls : float or None
@@ -208,7 +208,7 @@ def turn_harmonics(trips: Sequence[TripSignals], w: Windows, lead: float) -> Arr
     w : Windows
         Its averaged windows.
     lead : float
-        Travel per turn, m; 0 if it is not known.
+        Travel per turn of the motor, m; 0 if it is not known.
 
     Returns
     -------
@@ -262,7 +262,7 @@ def select_orders(
     harmonics : ndarray, shape (n, orders, 2)
         See :func:`turn_harmonics`.
     lead : float
-        Travel per turn, m.
+        Travel per turn of the motor, m.
     balls : ndarray, shape (n, 4), optional
         Result of :func:`~ballscrew.modal.joint.balls.ball_forces`: forces that are fitted too, so that the
         residual does not contain them.
@@ -325,7 +325,7 @@ def ripple_amplitudes(found: JointFit, orders: Sequence[int], lead: float) -> tu
     orders : sequence of int
         The orders in it.
     lead : float
-        Travel per turn, m.
+        Travel per turn of the motor, m.
 
     Returns
     -------

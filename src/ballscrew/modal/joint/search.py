@@ -143,10 +143,8 @@ def search(
     frame = find_frame(_unwhitened_blocks(located_by, subset(w)), modes, profile)
     if frame is not None:
         modes, profile = frame.modes, replace(profile, pitch=frame.modes[0].pitch)
-        low, high = (
-            settings.band_low * modes[0].middle_frequency,
-            settings.band_high * modes[0].middle_frequency,
-        )
+        axial = modes[0].middle_frequency
+        low, high = settings.band_low * axial, settings.band_high * axial
         w = average_windows(trips, transients, inertia, low, high) or w
     modes = _new_or_worn(_unwhitened_blocks(names, subset(w)), modes, profile)
     blocks = _unwhitened_blocks(names, w)
