@@ -106,7 +106,7 @@ def attribute_change(
     Parameters
     ----------
     causes : sequence of PossibleCause
-        Compared, with nut, bearing and both.
+        By :func:`~ballscrew.estimation.causes.compare_causes`; nut, bearing and both are among them.
     evidence : NutEvidence
         Of nut and bearing.
     changed : bool
@@ -139,12 +139,12 @@ def attribute_change(
     nut, bearing, both = (
         three[name].probability / max(total, _LEAST_PROBABILITY) for name in _NUT_AND_BEARING
     )
-    means = []
+    sources = []
     if evidence.log_ratio is not None:
-        means.append("the nut's softening under load in both runs")
+        sources.append("the nut's softening under load in both runs")
     if evidence.stated:
-        means.append("the stated drift of the bearing")
-    text = f"nut {nut:.2f}, support bearing {bearing:.2f}, both {both:.2f}; by {' and '.join(means)}"
+        sources.append("the stated drift of the bearing")
+    text = f"nut {nut:.2f}, support bearing {bearing:.2f}, both {both:.2f}; by {' and '.join(sources)}"
     return tuple(causes), NutOrBearing(nut, bearing, both, text)
 
 
@@ -155,7 +155,7 @@ def nut_evidence(
     assumptions: Assumptions,
     bearing_over_nut: float,
 ) -> NutEvidence:
-    """Evidence of a run against its baseline.
+    """Evidence of a run and its baseline on nut and support bearing.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def evidence_by_softening(
     assumptions: Assumptions,
     bearing_over_nut: float,
 ) -> NutEvidence:
-    """Evidence of a run against its baseline, given the nut's softening in both.
+    """Evidence of a run and its baseline on nut and support bearing, given the nut's softening in both.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def nut_quantity(stiffness: Quantity, bearing_over_nut: float, evidence: NutEvid
     Parameters
     ----------
     stiffness : Quantity
-        As P/P₀.
+        Axial stiffness as P/P₀.
     bearing_over_nut : float
         Compliance of the bearing over the nut's.
     evidence : NutEvidence
@@ -263,15 +263,15 @@ def nut_quantity(stiffness: Quantity, bearing_over_nut: float, evidence: NutEvid
     Returns
     -------
     Quantity or None
-        None where it has no upper end.
+        None where its interval has no upper end.
     """
     u, variance = _by_stiffness(stiffness, bearing_over_nut, evidence)
-    softening = evidence.softening
-    if softening is not None:  # mean of the two results, weighted by their inverse variances
-        excess = _excess_variance(1 + softening[0] - u, variance + softening[1] ** 2)
+    if evidence.softening is not None:  # mean of the two results, weighted by their inverse variances
+        level, spread = evidence.softening
+        excess = _excess_variance(1 + level - u, variance + spread**2)
         variance += excess
-        weight = variance / (variance + softening[1] ** 2 + excess)
-        u += weight * (1 + softening[0] - u)
+        weight = variance / (variance + spread**2 + excess)
+        u += weight * (1 + level - u)
         variance *= 1 - weight
     half = NORMAL_95 * math.sqrt(variance)
     if not u > half:
@@ -299,15 +299,15 @@ def _excess_variance(difference: float, variance: float) -> float:
 
 def contradiction(stiffness: Quantity, bearing_over_nut: float, evidence: NutEvidence) -> str:
     """Reason to doubt the nut's preload where stiffness and softening exclude each other; else empty."""
-    softening = evidence.softening
-    if softening is None:
+    if evidence.softening is None:
         return ""
+    level, spread = evidence.softening
     u, variance = _by_stiffness(stiffness, bearing_over_nut, evidence)
-    if not _excess_variance(1 + softening[0] - u, variance + softening[1] ** 2):
+    if not _excess_variance(1 + level - u, variance + spread**2):
         return ""
     return (
         f"the axial stiffness (as P/P₀ {stiffness.value:.2f}) and the nut's softening under load "
-        f"({(1 + softening[0]) ** -3:.2f}) exclude each other, whatever a worn support bearing does: compare "
+        f"({(1 + level) ** -3:.2f}) exclude each other, whatever a worn support bearing does: compare "
         "loads and motions of the two runs, and check the bearing"
     )
 

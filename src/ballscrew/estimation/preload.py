@@ -284,41 +284,41 @@ def _estimate(
     masses = mass_changes(run, baseline, model.model, assumptions)
     bearing_to_nut = bearing_over_nut(change, fused)
     baselines = () if baseline is None else (baseline,)
-    of_nut = nut_evidence(run, baselines, model, assumptions, bearing_to_nut)
-    evidence = gather_evidence(
+    evidence_of_nut = nut_evidence(run, baselines, model, assumptions, bearing_to_nut)
+    evidence_of_causes = gather_evidence(
         change,
         masses,
         assumptions,
         temperature_difference=comparison.temperature_difference,
         model_covariance=model.covariance,
-        softening=of_nut.softening,
+        softening=evidence_of_nut.softening,
     )
-    causes = compare_causes(evidence, assumptions)
+    causes = compare_causes(evidence_of_causes, assumptions)
     doubts = [*lost_end(change, fused, model.model, assumptions), *doubts]
     # The declared load is checked; where it is wrong or uncertain, the change is estimated anew.
-    mass = _check_load(comparison, masses, causes, change, fused)
-    if mass is not None and (mass.correction or mass.standard_uncertainty):
-        change, fused, ratio = comparison.fuse(reference_ratio, mass)
-    corrections = _describe_corrections(comparison, reference_ratio, fused, ratio, mass)
-    fused = inflate_uncertainty(fused, evidence, causes, assumptions)
+    load_check = _check_load(comparison, masses, causes, change, fused)
+    if load_check is not None and (load_check.correction or load_check.standard_uncertainty):
+        change, fused, ratio = comparison.fuse(reference_ratio, load_check)
+    corrections = _describe_corrections(comparison, reference_ratio, fused, ratio, load_check)
+    fused = inflate_uncertainty(fused, evidence_of_causes, causes, assumptions)
     temperature = _temperature_correction(comparison, more)
     by_model = None
     if not samples.has_known_baseline:
-        by_model = comparison.fuse_by_model(mass, fused)
+        by_model = comparison.fuse_by_model(load_check, fused)
     refusal = replace(
         refusal,
         chi2=fused.chi2,
         degrees=fused.degrees,
         probability=fused.probability,
-        causes=attribute_change(causes, of_nut, changed=False)[0],
-        mass=mass,
+        causes=attribute_change(causes, evidence_of_nut, changed=False)[0],
+        mass=load_check,
         corrections=(*corrections, *temperature.corrections),
         change=change,
         fused=fused,
     )
-    if mass is not None and mass.refused:
-        return _refuse(refusal, mass.text, *doubts)
-    estimate = samples.estimate(refusal, change, fused, temperature, of_nut, by_model)
+    if load_check is not None and load_check.refused:
+        return _refuse(refusal, load_check.text, *doubts)
+    estimate = samples.estimate(refusal, change, fused, temperature, evidence_of_nut, by_model)
     if estimate is None:
         return _refuse(refusal, why_unbounded(fused, causes), *doubts)
     # Local wear and the verdict.
@@ -326,13 +326,13 @@ def _estimate(
     share_spread = share_uncertainty(model, assumptions)
     profile = preload_profile(run, baseline, change, fused, share_spread, curved, assumptions)
     low, high = estimate.relative_interval
-    causes, nut_or_bearing = attribute_change(causes, of_nut, changed=not low <= 1 <= high)
+    causes, nut_or_bearing = attribute_change(causes, evidence_of_nut, changed=not low <= 1 <= high)
     estimate = replace(estimate, profile=profile, causes=causes, nut_or_bearing=nut_or_bearing)
     reasons = why_not_good(estimate, run, baseline, change, fused, assumptions)
-    screw = warm_screw_doubts(comparison.table, comparison.base, calibrated=samples.has_known_baseline)
-    reasons += [*temperature.reasons, *screw, *doubts]
+    screw_doubts = warm_screw_doubts(comparison.table, comparison.base, calibrated=samples.has_known_baseline)
+    reasons += [*temperature.reasons, *screw_doubts, *doubts]
     notes = estimate_notes(estimate, run, baseline, model)
-    nut_reasons = reasons + why_nut_uncertain(estimate, of_nut, bearing_to_nut)
+    nut_reasons = reasons + why_nut_uncertain(estimate, evidence_of_nut, bearing_to_nut)
     estimate = replace(
         estimate,
         verdict=_verdict(reasons),
