@@ -9,20 +9,24 @@ import pytest
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.trace import SAMPLES_PER_PERIOD
-from ballscrew.modal.cell import CellResult
+from ballscrew.modal.cell import CellResult, SharedError
 from ballscrew.modal.joint.analysis import (
     _clock_uncertainty,
     _with_lost_end,
+    analyse_jointly,
     signal_reducer,
     suspect_delayed,
     suspect_rotating,
     suspect_unexcited,
 )
 from ballscrew.modal.joint.identify import too_slow
+from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.reason import Reason
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.quality.clock import Clock
+from ballscrew.recording.quality.finding import Quality
+from ballscrew.testbed.example import AXIS
 
 CELL = CellResult(0.0, "PA", 0, 3, 170.0, 0.3, 0.02, "joint", "good", ())
 
@@ -130,3 +134,29 @@ def test_settings_that_cannot_be_are_refused(change: dict[str, float], sentence:
         JointSettings(**change)
     assert sentence in str(error.value)
     assert JointSettings(rate=6.0).rate == 6.0
+
+
+@pytest.mark.parametrize("support", ["fixed-free", "fixed-fixed"])
+def test_results_are_in_the_order_of_the_listed_cells_without_a_table_of_responses_too(
+    support: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = "ballscrew.modal.joint.analysis"
+    listed = [replace(CELL, condition=name, frequency_Hz=None, method="paper") for name in ("PA", "ND", "NA")]
+    reason = Reason("no-mode", "no mode was found")
+    refused = [CellResult.refused(cell.key, 3, "joint", [reason]) for cell in reversed(listed[:2])]
+    error = SharedError("noise", repeats=False, effects_Hz=(0.2, 0.1))
+    monkeypatch.setattr(f"{module}.complete_transients", lambda _: ())
+    monkeypatch.setattr(
+        f"{module}.identify_jointly", lambda *_: JointResult(tuple(refused), shared_errors=(error,))
+    )
+    measurement = SimpleNamespace(
+        quality=Quality("good"), transients=object(), extracts={}, files=(), clock=None
+    )
+    sheet = replace(AXIS, support=support)
+    found = analyse_jointly(measurement, listed, None, sheet, 50.0, JointSettings(), "both")
+    assert [cell.condition for cell in found.cells] == ["PA", "ND", "NA"]
+    assert [cell.reasons[:1] for cell in found.cells[:2]] == [(reason.text,)] * 2
+    assert found.shared_errors[0].effects_Hz == (0.1, 0.2, 0.0)
+    lost = ["lost its pretension" in cell.reasons[-1] for cell in found.cells[:2]]
+    assert lost == [support == "fixed-fixed"] * 2
+    assert all(cell.coherence is None for cell in found.cells)

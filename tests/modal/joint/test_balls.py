@@ -54,3 +54,9 @@ def test_it_drives_both_modes(fitted: JointFit) -> None:
     forces = ball_forces(w, LEAD, 12.37)
     for name in ("torque-nut", "motor-nut", "torque-motor"):
         assert make_block(name, w, balls=forces).ripple.shape[1] == 4
+
+
+def test_a_way_of_less_than_two_turns_resolves_no_order_between_whole_ones(fitted: JointFit) -> None:
+    w = pushed_windows(fitted, 12.37, 0.03)
+    lead = float(np.ptp(w.place)) / 1.9
+    assert find_balls("torque-nut", w, fitted.modes[0], lead, np.empty((len(w.place), 0))) is None

@@ -82,3 +82,11 @@ def test_a_response_without_a_residual_is_fitted(run: SmallRun, blocks: list[Blo
     found = fit_blocks([silent], [initial(run, 0.0)], (*FIELDS, "power"), PRIOR)
     assert np.isfinite(found.hessian).all()
     assert all(np.isfinite(each).all() for each in found.residual)
+
+
+def test_a_parameter_without_a_range_stays(
+    run: SmallRun, blocks: list[Block], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(parameters._LIMITS, "power", (0.5, 0.5))
+    found = fit_blocks(blocks[:1], [initial(run, 0.0)], ("power",), PRIOR, 30, 1e-12)
+    assert found.modes == (initial(run, 0.5),)

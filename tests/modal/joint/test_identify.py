@@ -173,6 +173,14 @@ def test_without_a_sheet_a_mode_far_from_where_the_search_starts_is_found(
         assert cell.frequency_Hz == pytest.approx(faster * run.free[cell.position_m], rel=0.02)
 
 
+def test_a_single_cell_is_too_few_to_average(run: SmallRun, sheet: DataSheet) -> None:
+    first = run.transients[0]
+    alike = [row for row in run.transients if (row.position_m, row.condition) == (first.position_m, "PA")]
+    result = identify_jointly(run.trips, alike, sheet, LOAD)
+    assert [cell.verdict for cell in result.cells] == ["refused"]
+    assert result.reasons[0] == ("measurement", "too few transients of one kind to average")
+
+
 def test_noise_is_refused_and_says_why(run: SmallRun, sheet: DataSheet) -> None:
     random = np.random.default_rng(1)
     noise = [replace(t, response=random.standard_normal(t.response.shape), force=t.force) for t in run.trips]
@@ -216,6 +224,9 @@ def test_what_does_not_fit_together_is_an_error() -> None:
         identify_jointly([trip], [TransientRow(3, 0.0, 0.1, 0.0, "PA", 0, 1)])
     with pytest.raises(InputError, match="must be one of"):
         identify_jointly([trip], [], response="ear")  # type: ignore[arg-type]
+    other = replace(trip, rate=2000.0)
+    with pytest.raises(InputError, match="different rates or accelerometers"):
+        identify_jointly([trip, other], [])
     with pytest.raises(InputError, match="no trip"):
         identify_jointly([], [])
     with pytest.raises(InputError, match="different lengths"):

@@ -14,6 +14,7 @@ from ballscrew.modal.joint.fit import JointFit
 from ballscrew.modal.joint.local_wear import UNKNOWN
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.profile import Profile
+from ballscrew.modal.joint.settings import JointSettings
 
 NEW = AxialMode(1e-6, 1.0, 0.0, 0.03, 0.1, 0.5, 0.1, 300.0, 0.03)
 
@@ -89,3 +90,19 @@ def test_a_fit_from_the_expected_nut_replaces_one_that_is_clearly_worse(
     fit, _ = search._better_with_expected_nut([], found, UNKNOWN, Profile(False, expected))
     assert (fit is not found) == better
     assert fit.modes[0].mass_over_preload == (expected if better else NEW.mass_over_preload)
+
+
+def test_fields_of_a_profile_are_those_that_it_states() -> None:
+    fields = ("compliance", "damping", "slope")
+    assert Profile(False, 0.0).fields == (*fields, "power")
+    assert Profile(True, 0.0).fields == (*fields, "curve", "power")
+    assert Profile(True, 0.1).fields == (*fields, "curve", "mass_over_preload", "power")
+
+
+def test_without_a_window_there_is_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither around the initial frequency nor around the located one."""
+    settings, none = JointSettings(), cast(Any, None)
+    beginning = SimpleNamespace(rotor_free=150.0)
+    monkeypatch.setattr(search, "average_windows", lambda *_: None)
+    assert search.search((), (), 1.0, cast(Any, beginning), ("torque-nut",), settings) is None
+    assert search._locate((), (), 1.0, cast(Any, beginning), ("torque-nut",), settings) is none

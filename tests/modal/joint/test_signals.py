@@ -37,3 +37,17 @@ def test_thinning_again_keeps_the_least_rate() -> None:
 def test_a_rate_of_nothing_is_refused() -> None:
     with pytest.raises(InputError, match="more than 0"):
         trip_signals(tone(100.0), 0.0)
+
+
+def test_the_motion_of_the_motor_is_decimated_as_the_other_channels_are() -> None:
+    aligned = tone(200.0)
+    motor = 3 * aligned.input
+    trip = trip_signals(
+        Aligned(12800.0, aligned.input, "torque", aligned.position, aligned.response, ("acc",), motor=motor),
+        3000.0,
+    )
+    assert trip.motor is not None
+    assert len(trip.motor) == len(trip.force)
+    np.testing.assert_allclose(trip.motor, 3 * trip.force, atol=1e-9)
+    assert len(trip.response) == 1
+    assert trip_signals(aligned, 3000.0).motor is None

@@ -39,3 +39,10 @@ def test_a_difference_is_reported_if_it_is_clear_and_not_small() -> None:
     assert reason is not None
     assert "one by -1.0 ± 0.1 %, other by +1.0 ± 0.1 %" in reason.text
     assert disagreement([one]) is None
+
+
+def test_a_trip_without_transients_is_not_compared(run: SmallRun) -> None:
+    now, mass = first_fit(run)
+    trips = (*run.trips, replace(run.trips[0], name="aborted"))
+    shifts = trip_shifts(trips, run.transients, mass, now, Force(LEAD))
+    assert [shift.name for shift in shifts] == ["trip 1", "trip 2", "trip 3"]

@@ -12,7 +12,8 @@ from tests.modal.joint.test_ripple import first_fit
 from ballscrew.modal.joint.blocks import make_block
 from ballscrew.modal.joint.fit import JointFit, fit_blocks
 from ballscrew.modal.joint.mode import mode_frequency
-from ballscrew.modal.joint.uncertainty import response_difference, tie_slopes
+from ballscrew.modal.joint.uncertainty import _condition_covariance, response_difference, tie_slopes
+from ballscrew.modal.joint.windows import select_cells
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +90,14 @@ def test_tied_slopes_are_nearer_and_what_both_modes_share_stays(run: SmallRun) -
         assert after[shared, shared] == pytest.approx(before[shared, shared], rel=1e-9)
         slope = fit.parameters.index(("slope", 0))
         assert after[slope, slope] < before[slope, slope]
+
+
+def test_the_scatter_of_conditions_needs_two_of_them(both: JointFit) -> None:
+    windows = both.blocks[0].windows
+    numbers = [number for number, cell in enumerate(windows.cells) if cell.condition == "PA"]
+    assert 0 < len(numbers) < len(windows.cells)
+    blocks = [make_block("torque-nut", select_cells(windows, numbers))]
+    alone = fit_blocks(blocks, both.modes[:1], ("compliance", "damping", "slope"))
+    size = len(alone.parameters)
+    np.testing.assert_array_equal(_condition_covariance(alone), np.zeros((size, size)))
+    assert (np.diag(_condition_covariance(both)) > 0).all()

@@ -105,3 +105,29 @@ def test_some_cells_are_those_of_all(run: SmallRun) -> None:
     assert some.cells == (w.cells[3], w.cells[1])
     assert some.pieces == (w.pieces[3], w.pieces[1])
     assert np.array_equal(some.force[: some.first[1]], w.force[slice(*w.spans[3])])
+
+
+def test_a_window_beyond_the_end_of_a_trip_is_none(run: SmallRun) -> None:
+    first, *others = run.transients
+    later = replace(first, start_s=1e3, stop_s=1e3 + first.stop_s - first.start_s)
+    assert average_windows(run.trips, [later], 1.0, 80.0, 400.0) is None
+    w = average_windows(run.trips, [later, *others], 1.0, 80.0, 400.0)
+    assert w is not None
+    assert len(w.cells) == 12
+    assert sorted({len(pieces) for pieces in w.pieces}) == [2, 3]
+
+
+def test_an_arrival_of_a_table_that_hardly_moves_has_no_window(run: SmallRun) -> None:
+    still = [replace(trip, position=1e-6 * trip.position) for trip in run.trips]
+    w = average_windows(still, run.transients, 1.0, 80.0, 400.0)
+    assert w is not None
+    assert {cell.condition for cell in w.cells} == {"PA", "NA"}
+    arrivals = [row for row in run.transients if row.condition.endswith("D")]
+    assert average_windows(still, arrivals, 1.0, 80.0, 400.0) is None
+
+
+def test_two_trips_that_move_unlike_each_other_have_no_window(run: SmallRun) -> None:
+    odd = replace(run.trips[1], position=0.5 * run.trips[1].position)
+    transients = [row for row in run.transients if row.file < 2]
+    assert average_windows((run.trips[0], odd), transients, 1.0, 80.0, 400.0) is None
+    assert average_windows(run.trips[:2], transients, 1.0, 80.0, 400.0) is not None
