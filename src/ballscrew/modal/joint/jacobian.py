@@ -25,7 +25,7 @@ _STEP = 1e-4
 _STEPS = {"slope": 1e-3, "curve": 1e-2, "mass_over_preload": 1e-2, "power": 1e-2}
 _LOCAL_STEP = 1e-3
 # Every third local compliance is varied in the same simulation. Each has an effect up to the neighbouring
-# stops; the windows are assumed so short that only one of those varied affects each.
+# stops, and a window extends from its stop to the next at most: only one of those varied affects it.
 _INTERLEAVED = 3
 
 
