@@ -146,14 +146,14 @@ def solve_calibration(
     # The first run is the reference; the order of the others does not matter.
     runs = current_runs(runs)
     runs = [*runs[:1], *sorted(runs[1:], key=lambda run: (sort_key(run.measured_at), run.id))]
-    given, selected, refused = _select(runs, sheet, known, assumptions)
+    prepared, selected, omitted = _select(runs, sheet, known, assumptions)
     robust, form, fit = selected.robust, selected.form, selected.robust.fit
     goodness = goodness_of_fit(fit)
     if goodness.scale != 1.0:
         fit = solve(scaled(fit.problem, goodness.scale), fit.unknown)
     tolerances = estimate_tolerances(form, fit.unknown[:SIZE])
     conventions = compare_conventions(form, fit, sheet)
-    temperature = slope_of_runs(given.runs, fit, given.temperature_error, assumptions)
+    temperature = slope_of_runs(prepared.runs, fit, prepared.temperature_error, assumptions)
     # The first group is the reference: its ratio is 1, without uncertainty.
     log_ratios = np.pad(fit.unknown[SIZE:], (1, 0))
     ratio_covariance = np.pad(fit.covariance[SIZE:, SIZE:], (1, 0))
@@ -170,7 +170,7 @@ def solve_calibration(
         model=fit.model,
         covariance=fit.covariance[:SIZE, :SIZE],
         free=form.free,
-        runs=_calibration_runs(given, robust, fit, {run.id: run for run in runs}),
+        runs=_calibration_runs(prepared, robust, fit, {run.id: run for run in runs}),
         log_ratios=log_ratios,
         log_ratio_covariance=ratio_covariance,
         cross_covariance=np.pad(fit.covariance[:SIZE, SIZE:], ((0, 0), (1, 0))),
@@ -178,27 +178,27 @@ def solve_calibration(
         chi2=goodness.chi2,
         degrees=goodness.degrees,
         candidates=selected.candidates,
-        anchors=_anchors(given, fit),
+        anchors=_anchors(prepared, fit),
         load_rating=sheet.screw.dynamic_load_rating,
         nut_mass=sheet.table.mass,
         bearing_share=bearing_share(sheet, fit.model),
         reasons=(
-            *refused,
+            *omitted,
             *_spring_doubts(sheet),
             *rank_doubts(fit),
-            *given.reasons,
+            *prepared.reasons,
             *goodness.reasons,
             *_support_doubts(sheet, form),
-            *_outlier_doubts(given, robust),
-            *preload_doubts(given.runs, given.groups, log_ratios, ratio_covariance, known, assumptions),
+            *_outlier_doubts(prepared, robust),
+            *preload_doubts(prepared.runs, prepared.groups, log_ratios, ratio_covariance, known, assumptions),
             *doubts,
         ),
         notes=(
-            *given.notes,
+            *prepared.notes,
             *insignificant,
             *convention_notes,
             *likely_convention(form, fit, sheet),
-            *temperature_notes(given.runs, given.groups, temperature, assumptions),
+            *temperature_notes(prepared.runs, prepared.groups, temperature, assumptions),
         ),
         tolerances=tolerances,
         temperature=temperature,
@@ -206,7 +206,7 @@ def solve_calibration(
         knowledge=(
             *quantities(fit),
             *directions(fit),
-            *next_measurements(given, fit, goodness.scale, sheet),
+            *next_measurements(prepared, fit, goodness.scale, sheet),
         ),
         made=_made(sheet, known, assumptions),
     )
@@ -223,11 +223,11 @@ def _select(
     omitted: list[Doubt] = []
     remaining = list(runs)
     while True:
-        given = prepare(remaining, sheet, known, assumptions)
-        selected = select_form(given)
-        refused = {given.runs[i].id for i in selected.robust.refused}
+        prepared = prepare(remaining, sheet, known, assumptions)
+        selected = select_form(prepared)
+        refused = {prepared.runs[i].id for i in selected.robust.refused}
         if not refused:
-            return given, selected, omitted
+            return prepared, selected, omitted
         reason = "more than a quarter of its cells do not fit the others"
         omitted += [Doubt("omitted-run", f"run {run[:12]} was left out: {reason}") for run in refused]
         remaining = [run for run in remaining if run.id not in refused]
@@ -238,13 +238,13 @@ def _select(
 
 
 def _calibration_runs(
-    given: CalibrationInput, robust: RobustFit, fit: Fit, run_of: Mapping[str, Run]
+    prepared: CalibrationInput, robust: RobustFit, fit: Fit, run_of: Mapping[str, Run]
 ) -> tuple[CalibrationRun, ...]:
     """Each run that was used, in the order of the fit; ``run_of`` is the run of each id."""
     log_ratios = np.pad(fit.unknown[SIZE:], (1, 0))
     spreads = np.pad(np.sqrt(np.diag(fit.covariance)[SIZE:]), (1, 0))
     used = []
-    for index, (table, group) in enumerate(zip(given.runs, given.groups, strict=True)):
+    for index, (table, group) in enumerate(zip(prepared.runs, prepared.groups, strict=True)):
         run, rows = run_of[table.id], np.flatnonzero(fit.problem.run == index)
         outliers = []
         for cell in robust.cells:
@@ -270,7 +270,7 @@ def _calibration_runs(
     return tuple(used)
 
 
-def _anchors(given: CalibrationInput, fit: Fit) -> tuple[Anchor, ...]:
+def _anchors(prepared: CalibrationInput, fit: Fit) -> tuple[Anchor, ...]:
     """Each anchor, with the standard uncertainties of ln P_ref and of the share without it and with it."""
     # Rows of the fit: those of n cells, then one for each anchor.
     n, rows = len(fit.problem.position), np.arange(len(fit.problem.observed))
@@ -279,13 +279,13 @@ def _anchors(given: CalibrationInput, fit: Fit) -> tuple[Anchor, ...]:
     at_share, at_preload = PARAMETERS.index("share"), PARAMETERS.index("preload")
     with_anchor = np.sqrt(np.diag(posterior_covariance(fit, rows)))
     anchors = []
-    for index, row in enumerate(given.anchors):
+    for index, row in enumerate(prepared.anchors):
         without = np.sqrt(np.diag(posterior_covariance(fit, np.delete(rows, n + index))))
         preload = float(np.exp(row.log_preload))
         anchors.append(
             Anchor(
                 kind=row.kind,
-                run=given.runs[row.run].id,
+                run=prepared.runs[row.run].id,
                 preload=preload,
                 standard_uncertainty=preload * row.spread,
                 log_preload_without=float(without[at_preload]),
@@ -319,10 +319,10 @@ def _spring_doubts(sheet: DataSheet) -> list[Doubt]:
     return [Doubt("spring-preload", text)]
 
 
-def _outlier_doubts(given: CalibrationInput, robust: RobustFit) -> list[Doubt]:
+def _outlier_doubts(prepared: CalibrationInput, robust: RobustFit) -> list[Doubt]:
     """Doubts by runs and anchors that do not fit the others."""
     doubts = []
-    for run, weight in zip(given.runs, robust.weights, strict=True):
+    for run, weight in zip(prepared.runs, robust.weights, strict=True):
         if weight < 1:
             text = (
                 f"run {run.id[:12]} ({run.load:g} kg) does not fit the others and has a weight of "
@@ -336,7 +336,7 @@ def _outlier_doubts(given: CalibrationInput, robust: RobustFit) -> list[Doubt]:
         )
         doubts.append(Doubt("unfinished-search", text))
     if robust.contradicting:
-        names = ", ".join(given.runs[i].id[:12] for i in sorted(robust.contradicting))
+        names = ", ".join(prepared.runs[i].id[:12] for i in sorted(robust.contradicting))
         text = (
             f"runs {names} contradict each other at one preload, and the data do not show which is wrong: "
             "state when they were measured, if not on one day"
@@ -347,10 +347,10 @@ def _outlier_doubts(given: CalibrationInput, robust: RobustFit) -> list[Doubt]:
             )
         doubts.append(Doubt("contradicting-runs", text))
     for index, distance in robust.anchors:
-        row = given.anchors[index]
+        row = prepared.anchors[index]
         side = "above" if distance > 0 else "below"
         text = (
-            f"the {row.kind} of run {given.runs[row.run].id[:12]}, {np.exp(row.log_preload):.0f} N, lies "
+            f"the {row.kind} of run {prepared.runs[row.run].id[:12]}, {np.exp(row.log_preload):.0f} N, lies "
             f"{abs(distance):.1f} standard deviations {side} the estimate from all other data"
         )
         doubts.append(Doubt(row.kind.replace(" ", "-"), text))

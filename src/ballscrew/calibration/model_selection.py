@@ -37,7 +37,7 @@ class SelectedForm:
     candidates: tuple[FormEvidence, ...]
 
 
-def select_form(given: CalibrationInput) -> SelectedForm:
+def select_form(prepared: CalibrationInput) -> SelectedForm:
     """Fit every form and select the sheet's own, unless the evidence is 20 to 1 for another.
 
     A cell that is an outlier of the sheet's form may be evidence for another. So each form is fitted with its
@@ -46,7 +46,7 @@ def select_form(given: CalibrationInput) -> SelectedForm:
 
     Parameters
     ----------
-    given : CalibrationInput
+    prepared : CalibrationInput
         Runs and forms.
 
     Returns
@@ -59,7 +59,7 @@ def select_form(given: CalibrationInput) -> SelectedForm:
     MeasurementError
         If a fit does not converge.
     """
-    problems = list(map(given.problem, given.forms))
+    problems = list(map(prepared.problem, prepared.forms))
     robust_fits = list(map(fit_robustly, problems))
     covariance = problems[0].covariance + common_covariance(robust_fits)
     fits = []
@@ -70,11 +70,11 @@ def select_form(given: CalibrationInput) -> SelectedForm:
     if evidence.max() > evidence[0] + LOG_ODDS:
         selected = int(np.argmax(evidence))
     candidates = []
-    for index, (form, fit) in enumerate(zip(given.forms, fits, strict=True)):
+    for index, (form, fit) in enumerate(zip(prepared.forms, fits, strict=True)):
         log_evidence = float(fit.log_evidence - evidence.max())
         candidates.append(FormEvidence(form.name, form.free, log_evidence, fit.chi2, index == selected))
     candidates.sort(key=lambda candidate: -candidate.log_evidence)
-    return SelectedForm(given.forms[selected], robust_fits[selected], tuple(candidates))
+    return SelectedForm(prepared.forms[selected], robust_fits[selected], tuple(candidates))
 
 
 def common_covariance(robust_fits: Sequence[RobustFit]) -> Array:

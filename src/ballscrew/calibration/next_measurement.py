@@ -34,13 +34,13 @@ _SHARE, _PRELOAD, _MASS = (PARAMETERS.index(name) for name in ("share", "preload
 
 
 def next_measurements(
-    given: CalibrationInput, fit: Fit, scale: float, sheet: DataSheet
+    prepared: CalibrationInput, fit: Fit, scale: float, sheet: DataSheet
 ) -> tuple[dict[str, object], ...]:
     """Expected uncertainties after each of several possible measurements.
 
     Parameters
     ----------
-    given, fit : CalibrationInput, Fit
+    prepared, fit : CalibrationInput, Fit
         The calibration; a new run is assumed to be as good as the one with the heaviest load.
     scale : float
         Factor on the variances of the frequencies, which is assumed for new ones too.
@@ -53,17 +53,17 @@ def next_measurements(
         ``kind``, ``what``, and the expected relative standard uncertainties ``share``, ``log_preload`` and
         ``mass``. The first is the present state.
     """
-    heaviest = max(given.runs, key=lambda run: run.load)
+    heaviest = max(prepared.runs, key=lambda run: run.load)
     heavier = max(2 * heaviest.load, heaviest.load + 0.5 * fit.model.mass)  # kg
     heavier_run = replace(heaviest, id="", load=heavier)
     options = {
         "as it is": fit.covariance,
         f"one more load, {heavier:.3g} kg, if the machine can carry it": _with_run(
-            given, fit, scale, heavier_run
+            prepared, fit, scale, heavier_run
         ),
         "the known preload of these runs, ±2 %": _with_known_preload(fit, KNOWN_PRELOAD),
         "the known preload of these runs and a run at a known half of it, ±2 % each": _with_half_preload(
-            fit, heaviest, given.variation
+            fit, heaviest, prepared.variation
         ),
         f"two acceleration levels, which determine the preload to ±{100 * LEVELS:.0f} %": _with_known_preload(
             fit, LEVELS
@@ -72,7 +72,7 @@ def next_measurements(
     stop = next_stop(heaviest.position, sheet)
     if stop is not None:
         name = f"one more run with {heaviest.load:g} kg and another stop, at {1e3 * stop:.0f} mm"
-        options[name] = _with_run(given, fit, scale, with_stop(heaviest, stop))
+        options[name] = _with_run(prepared, fit, scale, with_stop(heaviest, stop))
     found: list[dict[str, object]] = []
     for name, covariance in options.items():
         spread = np.sqrt(np.diag(covariance))
@@ -156,11 +156,11 @@ def _with_known_preload(fit: Fit, spread: float) -> Array:
     return _updated(fit.covariance, row, np.array([[spread**2]]))
 
 
-def _with_run(given: CalibrationInput, fit: Fit, scale: float, run: FrequencyTable) -> Array:
+def _with_run(prepared: CalibrationInput, fit: Fit, scale: float, run: FrequencyTable) -> Array:
     """Covariance of the unknowns after one more run, at the preload of that with the heaviest load."""
-    problem, variation = fit.problem, given.variation
-    group = given.groups[int(np.argmax([other.load for other in given.runs]))]
-    runs, groups = [*given.runs, run], [*given.groups, group]
+    problem, variation = fit.problem, prepared.variation
+    group = prepared.groups[int(np.argmax([other.load for other in prepared.runs]))]
+    runs, groups = [*prepared.runs, run], [*prepared.groups, group]
     cells = scale * relative_covariance(runs, groups, fit.model, variation)
     ratio = float(np.exp(np.pad(fit.unknown[SIZE:], (1, 0))[group]))
     gradients = gradient(fit.model, run.position, run.load, ratio)
