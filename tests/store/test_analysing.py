@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import threading
 from collections.abc import Iterator
+from concurrent.futures import CancelledError, Executor, Future
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +16,11 @@ import pytest
 from sqlalchemy import select
 from tests.store.stored import imitate_analysis, write_recordings
 
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import InputError, InterruptedReadError
+from ballscrew.modal.run import Run
 from ballscrew.store import adding, analysing
+from ballscrew.store.raw_files import path_of
+from ballscrew.store.rows import unpack
 from ballscrew.store.store import Store
 from ballscrew.store.tables import Method, ResultRow, RunRow
 
@@ -170,3 +176,91 @@ def test_a_worker_of_another_version_adds_nothing(plant: Path, monkeypatch: pyte
     assert len(document["failures"]) == RUNS
     assert "and this is 9.9" in document["failures"][0]
     assert new_results(plant) == []
+
+
+def tasks_of(path: Path, patched: pytest.MonkeyPatch) -> list[analysing.Task]:
+    """Tasks of a reprocessing, of which none is done."""
+    found: list[analysing.Task] = []
+
+    def take(tasks: list[analysing.Task], *_: object) -> Iterator[Any]:
+        found.extend(tasks)
+        return iter(())
+
+    with patched.context() as patch:
+        patch.setattr("ballscrew.store.reprocessing.analysed", take)
+        Store(path).reprocess()
+    return found
+
+
+def test_a_run_that_cannot_be_analysed_is_a_sentence_beside_the_results_of_the_others(
+    plant: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second, third, *_ = tasks_of(plant, monkeypatch)
+    ((_, sha256, compression),) = second.files
+    path_of(Path(second.folder), sha256, compression).unlink()
+    one, two, three = analysing.analyse_tasks([first, second, replace(third, run="another")])
+    assert isinstance(one, bytes)
+    assert Run.from_json(unpack(one)).id == first.run
+    assert "cannot be read" in str(two)
+    assert three == f"the analysis gives another run, {third.run[:12]}"
+
+
+def test_a_sentence_of_an_analysis_names_the_file_without_the_folder_of_its_copy(
+    plant: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (task, *_) = tasks_of(plant, monkeypatch)
+
+    def refuse(job: Any, _: object) -> None:
+        raise InterruptedReadError(f"{job.files[0]}: cannot be read.")
+
+    monkeypatch.setattr(analysing, "examine", refuse)
+    with pytest.raises(InterruptedReadError, match=r"^trip0\.bin: cannot be read\.$"):
+        analysing.analyse_files(Path(task.folder), task.files, task.documents, task.stated, method="joint")
+    assert analysing.analyse_tasks([task]) == ["trip0.bin: cannot be read."]
+
+
+def test_runs_of_a_task_that_kills_its_workers_are_named_and_the_others_are_analysed() -> None:
+    class KilledError(Exception):
+        """As of Dask."""
+
+    class Workers(Executor):
+        def submit(self, function: Any, runs: Any, /, *_: Any, **__: Any) -> Future[Any]:  # noqa: ARG002
+            future: Future[Any] = Future()
+            if runs[0].run == "0":
+                future.set_exception(KilledError())
+            else:
+                future.set_result([b"result"] * len(runs))
+            return future
+
+    tasks = [analysing.Task(str(number), "files", (), {}, {}, "joint") for number in range(40)]
+    workers = analysing._Workers(Workers(), lambda: 1, 2, (KilledError,))
+    found = {int(task.run): result for task, result in analysing._distributed(tasks, workers)}
+    killed = "it, or another of 2 runs, killed its workers"
+    assert found == dict.fromkeys(range(40), b"result") | {0: killed, 1: killed}
+
+
+def test_a_process_that_was_killed_is_a_sentence() -> None:
+    with analysing._processes(1) as found:
+        assert found.count() == 1
+        assert found.executor.submit(abs, -1).result() == 1
+    with (
+        pytest.raises(InputError, match="a worker was killed; run the same command again"),
+        analysing._processes(1) as found,
+    ):
+        found.executor.submit(os._exit, 9).result()
+
+
+def test_a_scheduler_that_is_lost_meanwhile_is_a_sentence(cluster: Any) -> None:
+    for error in (CancelledError, OSError):
+        with (
+            pytest.raises(InputError, match=r"the scheduler 'tcp://.*' was lost"),
+            analysing._cluster(cluster.scheduler_address),
+        ):
+            raise error
+
+
+def test_fewer_workers_than_one_are_refused() -> None:
+    with pytest.raises(InputError, match="the number of workers is 0; it must be 1 or more"):
+        analysing.check_workers(0, None)
+    with pytest.raises(InputError, match="give --scheduler or --workers"):
+        analysing.check_workers(2, "tcp://127.0.0.1:8786")

@@ -8,13 +8,16 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from tests.monitoring.histories import at
 from tests.store.conftest import CopyStore, NewStore
 from tests.store.stored import EVENTS, MODEL, RUNS, count, fill, imitate_analysis, text_of, write_recordings
 
 import ballscrew
 from ballscrew.base.errors import InputError
+from ballscrew.store import copying
 from ballscrew.store.adding import add_run
 from ballscrew.store.copying import _new_folder
+from ballscrew.store.opened import OpenStore
 from ballscrew.store.store import Store
 from ballscrew.store.tables import RawFile, RunRow
 
@@ -145,3 +148,64 @@ def test_nothing_is_written_into_a_store(filled: Store) -> None:
         with pytest.raises(InputError, match="is in the store"):
             write(inside)
     assert not inside.exists()
+
+
+on_sqlite = pytest.mark.parametrize("new_url", ["sqlite"], indirect=True)
+
+
+@on_sqlite
+def test_a_backup_during_which_files_are_archived_is_made_again(
+    with_files: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    copies: list[int] = []
+    copy_database = copying._copy_database
+
+    def copy_and_archive(store: OpenStore, path: Path) -> None:
+        copy_database(store, path)
+        copies.append(len(copies))
+        with_files.archive("bench", tmp_path / "archive", newest=2)
+
+    monkeypatch.setattr(copying, "_copy_database", copy_and_archive)
+    folder = with_files.backup(tmp_path / "backup")
+    assert len(copies) == 2
+    assert Store.verify(folder).faults == ()
+    assert Store.verify(folder).files == 4
+    assert not list(tmp_path.glob(".backup*"))
+
+
+@on_sqlite
+def test_a_backup_is_given_up_where_files_are_archived_all_the_time(
+    with_files: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(copying, "_is_removed", lambda *_: True)
+    next(path for path in with_files.folder.files.rglob("*") if path.is_file()).unlink()
+    with pytest.raises(InputError, match="archived or deleted all the time; try again"):
+        with_files.backup(tmp_path / "backup")
+    monkeypatch.undo()
+    with pytest.raises(InputError, match="the file is missing: the store is damaged, see 'store verify'"):
+        with_files.backup(tmp_path / "backup")
+    assert not list(tmp_path.glob("*backup*"))
+
+
+@on_sqlite
+def test_an_archive_that_cannot_be_made_leaves_the_files_in_the_store(
+    with_files: Store, tmp_path: Path
+) -> None:
+    (tmp_path / "letter.txt").write_text("mine")
+    for folder, newest, sentence in (
+        (tmp_path / "letter.txt" / "archive", 0, "cannot be created"),
+        (tmp_path / "archive", -1, "the number of newest runs is -1; it must be 0 or more"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            with_files.archive("bench", folder, newest=newest)
+    assert with_files.verify(with_files.path).files == 6
+    assert not (tmp_path / "archive").exists()
+
+
+def test_an_exported_run_states_load_time_and_temperature_where_they_are_known() -> None:
+    stated = {"mass_kg": 100.0, "measured_at": at(0.0), "temperature_C": 21.5}
+    expected = [("load", "100.0 kg"), ("measured_at", at(0.0)), ("temperature", "21.5 degC")]
+    assert copying.stated_fields(stated) == expected
+    for number, name in enumerate(stated):
+        others = expected[:number] + expected[number + 1 :]
+        assert copying.stated_fields(stated | {name: None}) == others

@@ -8,17 +8,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from sqlalchemy import text
+from sqlalchemy import select, text
 from tests.monitoring.histories import at
 from tests.store.conftest import CopyStore
 from tests.store.stored import RUNS, fill, imitate_analysis, write_recordings
 
 from ballscrew.base.errors import InputError
+from ballscrew.store import checking
 from ballscrew.store.adding import add_run
 from ballscrew.store.opened import record
 from ballscrew.store.raw_files import path_of
 from ballscrew.store.store import Store
-from ballscrew.store.tables import Model
+from ballscrew.store.tables import Model, RawFile
 
 
 def add_all(store: Store) -> None:
@@ -113,6 +114,15 @@ def test_a_damaged_store_is_read_and_not_written_until_it_is_repaired(with_files
         ("DELETE FROM files", "has no row"),
         ("DELETE FROM documents", "has no row"),
         ("DELETE FROM states WHERE run_id = 3", "states of the runs of the axis bench are missing"),
+        ("UPDATE axes SET runs = 99", "runs of the axis bench are missing"),
+        (
+            "DELETE FROM cells WHERE result_id = 2; DELETE FROM results WHERE id = 2",
+            "the result of the run run 0 001 is missing",
+        ),
+        (
+            "UPDATE results SET document = (SELECT document FROM models WHERE length(digest) = 14) WHERE id = 2",
+            "cells or recordings",
+        ),
     ],
 )
 def test_a_changed_row_is_found(
@@ -185,3 +195,40 @@ def test_files_without_a_row_are_removed_and_no_others(with_files: Store) -> Non
     assert len(with_files.gc()["removed"]) == 2
     assert raw_files(with_files) == files
     assert with_files.verify(with_files.path).faults == ()
+
+
+def test_a_missing_database_is_a_fault(tmp_path: Path) -> None:
+    Store.init(tmp_path / "a")
+    (tmp_path / "a" / "store.sqlite").unlink()
+    assert Store.verify(tmp_path / "a").faults[0] == "database: store.sqlite is missing"
+
+
+def test_a_server_that_cannot_be_reached_is_no_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: object) -> None:
+        raise InputError("the database server cannot be reached.")
+
+    Store.init(tmp_path / "a")
+    with monkeypatch.context() as patch:
+        patch.setattr(checking, "OpenStore", fail)
+        with pytest.raises(InputError, match="cannot be reached"):
+            Store.verify(tmp_path / "a")
+    add_run(Store(tmp_path / "a"), RUNS[0])
+
+
+def test_a_raw_file_with_the_content_of_another_is_found(with_files: Store) -> None:
+    path, other = raw_files(with_files)
+    assert path.suffix == other.suffix
+    path.write_bytes(other.read_bytes())
+    (fault,) = with_files.verify(with_files.path).faults
+    assert fault.endswith("the content is not that of its hash")
+    assert path.name in fault
+
+
+def test_a_file_that_is_archived_during_the_check_is_not_missing(with_files: Store, tmp_path: Path) -> None:
+    with with_files.read() as session:
+        rows = session.execute(select(RawFile.sha256, RawFile.compression)).all()
+    with_files.archive("bench", tmp_path / "archive", newest=0)
+    for sha256, compression in rows:
+        assert checking._file_faults(with_files, sha256, compression) == []

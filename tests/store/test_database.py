@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
+import sqlite3
+import sys
 import threading
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import text
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 from tests.store.stored import RUNS, count, fill, text_of
 
@@ -227,3 +233,132 @@ def test_what_was_read_while_another_process_wrote_is_refused(
     assert count(store, RunRow) == 4
     backup = Store(tmp_path / "a").backup(tmp_path / "b")
     assert database._mode(backup / "store.sqlite") == "ro"  # which has locks
+
+
+def test_without_its_driver_a_database_is_refused_with_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pg8000", None)
+    with pytest.raises(InputError, match=r"pip install 'ballscrew\[postgresql\]'"):
+        Store.init(tmp_path / "a", database="postgresql://user@127.0.0.1:1/name")
+
+
+def test_a_database_with_a_log_is_read_with_locks_where_the_folder_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else what is only in the log would not be read."""
+    path = Store.init(tmp_path / "a").folder.sqlite
+    monkeypatch.setattr(database.os, "access", lambda *_: False)
+    log = path.with_name("store.sqlite-wal")
+    assert database._mode(path) == database._IMMUTABLE
+    log.write_bytes(b"")
+    assert database._mode(path) == database._IMMUTABLE
+    log.write_bytes(b"rows")
+    assert database._mode(path) == "ro"
+
+
+def test_an_error_of_a_named_file_is_none_of_the_database() -> None:
+    with pytest.raises(FileNotFoundError), database.translated("store"):
+        raise FileNotFoundError(errno.ENOENT, "there is none", "a.bin")
+
+
+def test_a_connection_that_was_lost_is_a_sentence() -> None:
+    for lost in (True, False):
+        error = OperationalError("SELECT 1", None, Exception("SSL is off"), connection_invalidated=lost)
+        with pytest.raises((InputError, OperationalError)) as caught, database.translated("store"):
+            raise error
+        assert isinstance(caught.value, InputError) is lost
+
+
+def test_a_store_with_another_layout_is_refused_with_both(tmp_path: Path) -> None:
+    store = Store.init(tmp_path / "a")
+    config = store.path / "store.toml"
+    config.write_text(config.read_text().replace("layout = 1", "layout = 7"))
+    with pytest.raises(InputError, match="the layout of the store is 7; this version reads 1"):
+        Store(store.path)
+
+
+def test_a_check_of_a_folder_without_a_store_is_not_noted(tmp_path: Path) -> None:
+    folder = DataFolder(tmp_path / "none")
+    folder.note_check("backup")
+    assert list(tmp_path.iterdir()) == []
+    assert not folder.is_served()
+    with pytest.raises(InputError, match="none: cannot be written"), folder.locked("test"):
+        pytest.fail("it is locked")
+
+
+def test_a_lock_that_cannot_be_tried_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: object) -> bool:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    store = Store.init(tmp_path / "a")
+    monkeypatch.setattr("ballscrew.store.folder.try_lock", fail)
+    with pytest.raises(InputError, match=f"a: cannot be written .*{os.strerror(errno.ENOLCK)}"):
+        DataFolder(store.path).is_served()
+
+
+def test_a_database_without_a_store_is_not_migrated(
+    new_url: Callable[[], str | None], tmp_path: Path
+) -> None:
+    path = tmp_path / "a.sqlite"
+    path.touch()
+    engine = database.make_engine(new_url() or database.sqlite_url(path), writing=True)
+    with engine.begin() as connection:
+        with pytest.raises(InputError, match="a: the database contains no store"):
+            migrating.upgrade(connection, "a")
+        assert schema_of(connection) is None
+    engine.dispose()
+
+
+def test_a_folder_that_cannot_be_created_is_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "letter.txt").write_text("mine")
+    with pytest.raises(InputError, match="store: cannot be created"):
+        Store.init(tmp_path / "letter.txt" / "store")
+
+
+@pytest.mark.parametrize("fault", ["faults", "replace"])
+def test_a_migration_whose_result_is_damaged_or_not_put_in_place_changes_nothing(
+    tmp_path: Path, later_version: Callable[[bool], None], monkeypatch: pytest.MonkeyPatch, fault: str
+) -> None:
+    store = Store.init(tmp_path / "a")
+    content = store.folder.sqlite.read_bytes()
+    later_version(True)
+
+    def refuse(self: Path, target: Path) -> Path:
+        raise PermissionError(errno.EACCES, "in use", str(self), None, str(target))
+
+    if fault == "faults":
+        monkeypatch.setattr(migrating, "sqlite_faults", lambda _: ["database: a row is missing"])
+    else:
+        monkeypatch.setattr(Path, "replace", refuse)
+    sentence = {
+        "faults": "the migration was abandoned: database: a row",
+        "replace": "is being read; try again",
+    }
+    with pytest.raises(InputError, match=sentence[fault]):
+        Store.migrate(store.path)
+    later_version(False)
+    assert schema(Store(store.path)) == SCHEMA
+    assert len(content) == store.folder.sqlite.stat().st_size
+
+
+def test_faults_of_a_database_are_rows_without_their_parents_and_values_that_are_not_allowed(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.sqlite"
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("CREATE TABLE axes (id INTEGER PRIMARY KEY)")
+        connection.execute("CREATE TABLE runs (id INTEGER PRIMARY KEY, axis REFERENCES axes(id), time TEXT)")
+        connection.execute("INSERT INTO axes VALUES (1)")
+        connection.execute("INSERT INTO runs VALUES (1, 1, 'now')")
+        connection.execute("INSERT INTO runs VALUES (2, 1, NULL)")
+    assert migrating.sqlite_faults(path) == []
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("DELETE FROM axes")
+        connection.execute("PRAGMA writable_schema = ON")
+        connection.execute("UPDATE sqlite_master SET sql = replace(sql, 'time TEXT', 'time TEXT NOT NULL')")
+    assert migrating.sqlite_faults(path) == [
+        "database: NULL value in runs.time",
+        "database: row 1 of runs refers to a row of axes that is missing",
+        "database: row 2 of runs refers to a row of axes that is missing",
+    ]
