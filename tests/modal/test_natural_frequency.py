@@ -132,3 +132,26 @@ def test_transients_that_are_too_short_are_refused_with_what_would_do():
     inputs, outputs = transients(samples=100)
     with pytest.raises(ballscrew.InputError, match="ms"):
         ballscrew.natural_frequency(inputs, outputs, RATE, band=(90, 150))
+
+
+def test_a_band_beside_the_mode_has_none():
+    inputs, outputs = transients(noise=0.0)
+    text = "no mode was found from 180 to 250 Hz; state the band in which it is expected"
+    with pytest.raises(ballscrew.MeasurementError, match=text):
+        ballscrew.natural_frequency(inputs, outputs, RATE, band=(180, 250))
+
+
+@pytest.mark.parametrize(("damping", "uncertain"), [(0.2, False), (0.3, False), (0.8, True)])
+def test_a_mode_of_high_damping_is_suspect(damping, uncertain):
+    w = 2 * math.pi * FREQUENCY
+    mode = signal.cont2discrete(([w**2], [1, 2 * damping * w, w**2]), 1 / RATE, "foh")
+    low_pass = signal.butter(2, 300, fs=RATE)
+    inputs = signal.lfilter(*low_pass, np.random.default_rng(0).normal(size=(4, 800)))
+    outputs = signal.lfilter(np.ravel(mode[0]), mode[1], inputs)
+    found = ballscrew.natural_frequency(inputs, outputs, RATE, band=(90, 200))
+    assert found.verdict == ("good" if damping < 0.25 else "suspect")
+    words = f"the damping ratio is {found.damping.value:.2f}: too high for a resonance; are input and output"
+    assert any(words in reason for reason in found.reasons) == (damping > 0.25)
+    assert ("the standard uncertainty is above 3 %" in found.reasons) == uncertain
+    if not uncertain:
+        assert found.frequency.value == pytest.approx(FREQUENCY, rel=1e-3)

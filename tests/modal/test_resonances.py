@@ -10,8 +10,10 @@ from benchmarks.drive_excitation import RATE, ROTOR_FREE, ROTOR_HELD, simulate
 from scipy import signal
 
 import ballscrew
+from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.rational_fit import FourierLines, RationalFit
-from ballscrew.modal.resonance_verdicts import axial_mode
+from ballscrew.modal.reason import Reason
+from ballscrew.modal.resonance_verdicts import ModeOfAxis, _with_verdict, axial_mode, mode_doubts
 
 
 def deviation(mode, true):
@@ -160,3 +162,49 @@ def test_a_clean_step_in_place_of_the_motion_is_not_good(rate, frequency, count)
     step = (np.arange(count) > count / 2) * 1.0
     found = ballscrew.resonances(signal.lfilter(b.ravel(), a, step), step, rate)
     assert "good" not in (found.resonance.verdict, found.antiresonance.verdict)
+
+
+def test_a_band_without_a_mode_is_refused_with_the_fitted_model():
+    force, speed, _ = simulate(noise=1e-6)
+    found = ballscrew.resonances(force, speed, RATE, band=(250, 400))
+    for mode in (found.resonance, found.antiresonance):
+        assert (mode.verdict, mode.frequency) == ("refused", None)
+        assert [reason.kind for reason in mode.reasons] == ["no-mode"]
+    assert found.coherence is None
+    assert found.model is not None
+    assert np.isfinite(found.model.frf).all()
+
+
+def test_a_mode_that_the_input_hardly_excites_is_doubted():
+    force, speed, _ = simulate(seconds=0.25)
+    lines = FourierLines.of([(force, speed)], RATE, (80, 350), 1)
+    modes = np.log([[170 / lines.scale], [0.02]])
+    fit = RationalFit(lines, modes, np.ones(len(lines.frequency)), np.empty(0)).solved()
+    assert mode_doubts(fit, 0, 0.99, excited=True) == ()
+    (doubt,) = mode_doubts(fit, 0, 0.99, excited=False)
+    assert doubt == Reason("unexcited", "the input hardly excites the mode at 170.0 Hz")
+
+
+def test_a_band_that_begins_above_the_antiresonance_shows_none():
+    force, speed, _ = simulate(noise=1e-6)
+    between = (ROTOR_HELD + ROTOR_FREE) / 2
+    found = ballscrew.resonances(force, speed, RATE, band=(between, 350))
+    assert found.resonance.frequency.value == pytest.approx(ROTOR_FREE, rel=5e-3)
+    assert found.antiresonance.frequency is None
+    assert "no antiresonance shows from" in found.antiresonance.reasons[-1].text
+
+
+def test_a_frequency_of_large_uncertainty_is_refused():
+    force, speed, _ = simulate(seconds=0.25)
+    lines = FourierLines.of([(force, speed)], RATE, (80, 350), 1)
+    modes = np.log([[170 / lines.scale], [0.02]])
+    fit = RationalFit(lines, modes, np.ones(len(lines.frequency)), np.empty(0)).solved()
+    doubts = (Reason("unexcited", "why"),)
+    mode = ModeOfAxis(fit, 0, RATE, driven=True, collocated=True, explained=0.9, doubts=doubts)
+    most = JointSettings().most_uncertainty
+    for part, verdict in ((0.1, "suspect"), (0.99, "suspect"), (1.01, "refused"), (math.nan, "refused")):
+        estimated = _with_verdict(mode, 200.0, 0.02, {"noise": part * most * 200.0}, doubts)
+        assert estimated.verdict == verdict
+        assert estimated.reasons[0] == doubts[0]
+        assert (estimated.frequency is None) == (verdict == "refused")
+    assert estimated.reasons[-1].kind == "uncertain"

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import copy
 import json
+import math
+from dataclasses import replace
 
 import pytest
 
@@ -10,6 +12,7 @@ from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.modal.cell import CellResult, TransientRow
 from ballscrew.modal.run import RigidBodyResult, Run
+from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
 
 CELL = CellResult(
@@ -158,3 +161,18 @@ def test_a_temperature_that_is_no_number_is_said(wrong: object) -> None:
     document["run"]["temperature_C"] = wrong
     with pytest.raises(InputError, match="not a run of ballscrew"):
         Run.from_json(document)
+
+
+def test_lost_motion_is_read_back_with_and_without_its_uncertainty():
+    stops = (LostMotion(0.1, 2e-6, 3e-7, 3), LostMotion(0.2, 1e-6, math.nan, 1))
+    document = json.loads(write_json(replace(RUN, lost_motion=stops).to_json()))
+    read = Run.from_json(document).lost_motion
+    assert read[0] == stops[0]
+    assert replace(read[1], standard_uncertainty_m=0.0) == replace(stops[1], standard_uncertainty_m=0.0)
+    assert math.isnan(read[1].standard_uncertainty_m)
+
+
+def test_the_text_of_a_run_has_its_load_and_its_time():
+    first, *_ = str(RUN).splitlines()
+    assert first.startswith("<Run> bench with 100 kg, 2026-01-31T08:00:00+00:00: the measurement is suspect")
+    assert str(EMPTY).startswith("<Run> axis without a name: the measurement is bad")
