@@ -14,11 +14,13 @@ from ballscrew.store.findings import (
     CONFIRMED,
     NOTHING,
     OTHER,
+    _machine_name,
     precision,
     split_finding,
     stored_finding,
     summarise,
 )
+from ballscrew.store.tables import MachineRow
 
 
 def alarm(finding: str | None, lead: float | None = None, *, closed: bool = True) -> dict[str, Any]:
@@ -60,3 +62,17 @@ def test_another_cause_says_which_and_no_other_finding_does() -> None:
     for finding, cause in ((OTHER, " "), (NOTHING, "bearing")):
         with pytest.raises(InputError, match="which other cause"):
             stored_finding(finding, cause)
+
+
+@pytest.mark.parametrize(
+    ("machine", "name"),
+    [
+        (None, None),
+        (MachineRow(name="mill 4", site="hall 2"), "hall 2: mill 4"),
+        (MachineRow(name="mill 4", site=""), "mill 4"),
+    ],
+)
+def test_a_machine_is_named_with_its_site_where_the_axis_has_one(
+    machine: MachineRow | None, name: str | None
+) -> None:
+    assert _machine_name(machine) == name

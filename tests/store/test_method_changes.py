@@ -26,6 +26,7 @@ from ballscrew.store import adding
 from ballscrew.store.adding import add_events, add_model
 from ballscrew.store.rows import checksum_of
 from ballscrew.store.store import Store
+from ballscrew.store.switching import switch_axis
 from ballscrew.store.tables import Audit, MethodChange
 
 DIFFERENCE = 3e-3  # of the frequencies by revision 2
@@ -256,3 +257,26 @@ def test_an_event_of_a_change_is_not_added_by_hand(store: Store) -> None:
         add_events(store, (Event(at(1.0), METHOD_CHANGED, "", 0.01, 0.001),), "bench")
     with pytest.raises(InputError, match="an event's kind is 'method changed'"):
         Event(at(1.0), METHOD_CHANGED)
+
+
+@on_sqlite
+def test_an_axis_is_switched_once_and_only_to_results_that_all_runs_with_raw_files_have(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choose = simulate(monkeypatch)
+    for day in range(3):
+        add_day(store, tmp_path, day)
+    paper = AnalysisOptions(method="paper")
+    with pytest.raises(InputError, match="the axis 'bench' is not switched: its runs have no new result"):
+        switch_axis(store, "bench", paper)
+    choose(2)
+    add_day(store, tmp_path, 3)
+    with pytest.raises(InputError, match="is not switched: 3 runs have no new result; 'store exclude' them"):
+        switch_axis(store, "bench", AnalysisOptions())
+    assert store.show("bench")["method"]["revision"] == 1
+    store.reprocess(switch=True)
+    for _ in range(2):
+        switch_axis(store, "bench", AnalysisOptions())
+    with store.read() as session:
+        assert len(session.scalars(select(Audit).where(Audit.action == "switch")).all()) == 1
+    assert store.show("bench")["method"]["revision"] == 2

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy import delete, select
 from tests.store.conftest import NewStore
 from tests.store.stored import MODEL, RUNS, write_recordings
 
@@ -18,8 +19,11 @@ from ballscrew.modal.job import Job
 from ballscrew.modal.run import Run
 from ballscrew.store import adding
 from ballscrew.store.adding import add_model
+from ballscrew.store.parts import _rank, recount_parts
 from ballscrew.store.reading import current_rows, find_axis
+from ballscrew.store.same_recordings import RecordedRun, SameRecordingError
 from ballscrew.store.store import Store
+from ballscrew.store.tables import CellRow, ResultRow, RunRow
 
 TRIPS = tuple(FileRef(f"trip{number}.h5", f"{number:064x}") for number in range(4))
 BAD = replace(RUNS[0].quality, verdict="bad", reasons=("the sensor is loose.",))
@@ -238,3 +242,54 @@ def test_what_a_person_excluded_stays_so(store: Store, folder: Path, reason: str
     for run in (WHOLE, another(WHOLE)):
         add(store, folder, run)
     assert counting(store) == {"whole"}
+
+
+@pytest.mark.parametrize(
+    ("loads", "may"), [((None, None), True), ((100.0, None), False), ((None, 0.0), False), ((0.1, 0.1), True)]
+)
+def test_a_part_of_a_run_has_its_load_or_both_have_none(
+    loads: tuple[float | None, float | None], may: bool
+) -> None:
+    part, whole = (
+        RecordedRun.of(replace(run, mass_kg=mass), "bench")
+        for run, mass in zip((PART, WHOLE), loads, strict=True)
+    )
+    if may:
+        part.check(whole)
+        return
+    with pytest.raises(SameRecordingError, match="belongs to the run"):
+        part.check(whole)
+
+
+@pytest.mark.parametrize("new_url", ["sqlite"], indirect=True)
+def test_only_the_exclusions_of_the_runs_that_are_concerned_are_counted_anew(
+    store: Store, folder: Path
+) -> None:
+    """Another bad result makes the part count, once it is asked for."""
+    for run in (PART, WHOLE):
+        add(store, folder, run)
+    assert counting(store) == {"whole"}
+    with store.write("test") as session:
+        axis = find_axis(session, "bench")
+        (part,) = [row for row in session.scalars(select(RunRow)) if row.run == "part"]
+        for row in session.scalars(select(ResultRow)):
+            if row.run_id != part.id:
+                row.verdict = "bad"
+        recount_parts(session, axis, "test", [part.id + 100])
+        assert {row.run for row in current_rows(session, axis)} == {"whole"}
+        recount_parts(session, axis, "test", [part.id])
+        assert {row.run for row in current_rows(session, axis)} == {"part"}
+
+
+@pytest.mark.parametrize("new_url", ["sqlite"], indirect=True)
+def test_a_run_without_a_result_is_the_least_of_two(store: Store, folder: Path) -> None:
+    for run in (PART, BAD_WHOLE):
+        add(store, folder, run)
+    with store.write("test") as session:
+        part, whole = session.scalars(select(RunRow).order_by(RunRow.id)).all()
+        assert (_rank(session, part), _rank(session, whole)) == (2, 1)
+        results = select(ResultRow.id).where(ResultRow.run_id == whole.id)
+        session.execute(delete(CellRow).where(CellRow.result_id.in_(results)))
+        session.execute(delete(ResultRow).where(ResultRow.run_id == whole.id))
+        assert _rank(session, whole) == 0
+        session.rollback()

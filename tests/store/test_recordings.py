@@ -7,20 +7,25 @@ import hashlib
 import json
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from sqlalchemy import select
 from tests.monitoring.histories import at
+from tests.simulated_bench import AXIS, PLAN
 from tests.store.conftest import NewStore
-from tests.store.stored import RUNS, count, fill, imitate_analysis, text_of, write_recordings
+from tests.store.stored import MODEL, RUNS, count, fill, imitate_analysis, text_of, write_recordings
 
 from ballscrew._version import __version__
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
+from ballscrew.fcft.plan import read_plan
+from ballscrew.modal import analyze as analyze_module
 from ballscrew.modal.amend import amend
 from ballscrew.modal.run import Run
-from ballscrew.store import adding, raw_files
+from ballscrew.store import adding, changing, raw_files
 from ballscrew.store.adding import add_run
 from ballscrew.store.folder import DataFolder
 from ballscrew.store.raw_files import path_of, put_file, read_blocks
@@ -241,3 +246,125 @@ def test_after_an_error_of_the_disk_there_is_no_file(
         put_file(tmp_path / "files", tmp_path / "a.bin", hashlib.sha256(b"content").hexdigest())
     monkeypatch.undo()
     assert [path for path in (tmp_path / "files").rglob("*") if path.is_file()] == []
+
+
+def test_recordings_that_change_during_the_analysis_are_refused(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imitate_analysis(monkeypatch)
+    path = write_recordings(tmp_path / "run", 1.0)
+    examine = analyze_module.examine
+
+    def change_and_examine(*given: Any, **options: Any) -> Any:
+        (tmp_path / "run" / "trip1.bin").write_bytes(b"changed")
+        return examine(*given, **options)
+
+    monkeypatch.setattr(analyze_module, "examine", change_and_examine)
+    with pytest.raises(
+        InputError, match="its recordings have changed during the analysis; nothing was added"
+    ):
+        store.add(path)
+    assert count(store, RunRow) == count(store, RawFile) == 0
+
+
+def test_a_model_of_no_axis_is_not_added(tmp_path: Path) -> None:
+    store = Store.init(tmp_path / "a")
+    with pytest.raises(InputError, match="the model names no axis; calibrate it with runs that do"):
+        adding.add_model(store, replace(MODEL, axis=""))
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> tuple[Path, Path, str]:
+    """A stored file, another folder of raw files, and its hash."""
+    for name in ("files", "others"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "a.bin").write_bytes(b"content")
+    sha256 = hashlib.sha256(b"content").hexdigest()
+    put_file(tmp_path / "files", tmp_path / "a.bin", sha256)
+    return path_of(tmp_path / "files", sha256, "none"), tmp_path / "others", sha256
+
+
+def test_a_damaged_file_is_neither_cloned_nor_copied_out(
+    clone: tuple[Path, Path, str], tmp_path: Path
+) -> None:
+    path, folder, sha256 = clone
+    raw_files.clone_file(path, folder, sha256, "none")
+    assert path_of(folder, sha256, "none").read_bytes() == b"content"
+    shutil.rmtree(folder)
+    folder.mkdir()
+    path.chmod(0o644)
+    path.write_bytes(b"another")
+    with pytest.raises(InputError, match="the content is not that of its hash: it is damaged"):
+        raw_files.clone_file(path, folder, sha256, "none")
+    assert [each for each in folder.rglob("*") if each.is_file()] == []
+    with pytest.raises(InputError, match="the content of the file is not that of its hash: it is damaged"):
+        raw_files.copy_out(path, "none", tmp_path / "out.bin", sha256)
+
+
+def test_a_file_that_cannot_be_cloned_is_a_sentence(clone: tuple[Path, Path, str], tmp_path: Path) -> None:
+    path, _, sha256 = clone
+    with pytest.raises(InputError, match="cannot be copied"):
+        raw_files.clone_file(path, tmp_path / "a.bin", sha256, "none")
+
+
+def test_a_text_that_cannot_be_written_is_a_sentence_without_a_folder() -> None:
+    for text, sentence in (("\ud800", r"^a text is not valid Unicode\.$"), ("[", r"^axis\.toml: ")):
+        with pytest.raises(InputError, match=sentence), raw_files.text_files({"axis": text}) as paths:
+            read_axis(paths["axis"])
+
+
+def add_documented(store: Store, folder: Path, day: float) -> str:
+    """Add recordings with data sheet and plan; the id of their run."""
+    path = write_recordings(folder, day)
+    for name, text in (("axis", AXIS), ("plan", PLAN)):
+        (folder / f"{name}.toml").write_text(text)
+    path.write_text(path.read_text() + 'axis = "axis.toml"\nplan = "plan.toml"\n')
+    return store.add(path).subject
+
+
+def test_a_corrected_load_is_checked_by_the_documents_of_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imitate_analysis(monkeypatch)
+    store = Store(Store.init(tmp_path / "a").path)
+    run = add_documented(store, tmp_path / "run", 1.0)
+    given: list[Any] = []
+
+    def note(former: Any, **options: Any) -> Any:
+        given.append(options)
+        return amend(former, **options)
+
+    monkeypatch.setattr(changing, "amend", note)
+    corrected = store.correct(run, mass="101 kg", reason="weighed")
+    (options,) = given
+    assert options["axis"] == read_axis(tmp_path / "run" / "axis.toml")
+    assert options["plan"] == read_plan(tmp_path / "run" / "plan.toml")
+    counting = [run for run in store.show("bench")["runs"] if run["counts"]]
+    assert {run["run"]: run["mass_kg"] for run in counting} == {corrected: 101.0}
+
+
+def test_a_corrected_load_stays_with_a_new_revision_and_so_does_a_corrected_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    imitate_analysis(monkeypatch)
+    store = Store(Store.init(tmp_path / "a").path)
+    first, second = (add_documented(store, tmp_path / f"run{day}", float(day)) for day in (1, 2))
+    loaded = store.correct(first, mass="101 kg", reason="weighed")
+    both = store.correct(second, mass="101 kg", measured_at=at(3.0), reason="clock")
+    monkeypatch.setattr(adding, "METHOD_REVISION", 2)
+    assert store.reprocess(switch=True)["failures"] == []
+    counting = [run for run in store.show("bench")["runs"] if run["counts"]]
+    shown = {run["run"]: (run["mass_kg"], run["measured_at"]) for run in counting}
+    assert shown == {loaded: (101.0, at(1.0)), both: (101.0, at(3.0))}
+    assert store.show("bench")["method"]["revision"] == 2
+
+
+def test_a_model_is_chosen_by_the_beginning_of_one_digest(tmp_path: Path) -> None:
+    store = Store.init(tmp_path / "a")
+    adding.add_model(store, MODEL)
+    for beginning, number in (("x", 0), ("%", 0)):
+        with pytest.raises(InputError, match=f"{number} models of the axis 'bench' begin with '{beginning}'"):
+            changing.choose_model(store, "bench", beginning)
+    adding.add_model(store, replace(MODEL, notes=("another",)))
+    with pytest.raises(InputError, match="2 models of the axis 'bench' begin with ''; give one"):
+        changing.choose_model(store, "bench", "")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from sqlalchemy import delete
 from tests.monitoring.histories import at, history
 from tests.simulated_bench import AXIS
 from tests.store.stored import EVENTS, MODEL, RUNS, count
@@ -26,7 +28,7 @@ from ballscrew.store.reading import find_axis
 from ballscrew.store.reporting import report
 from ballscrew.store.service_tables import AlarmAction, Setup, Trouble
 from ballscrew.store.store import Store
-from ballscrew.store.tables import AlarmRow, Audit, MachineRow
+from ballscrew.store.tables import AlarmRow, Audit, Explanation, MachineRow
 
 TIME = datetime(2026, 2, 12, tzinfo=UTC)
 HOSTILE = "<script>alert(1)<script> $x_1$ \\frac{1}{2} 😀"
@@ -382,3 +384,16 @@ def test_the_time_is_that_of_the_environment(
         monkeypatch.setenv("SOURCE_DATE_EPOCH", wrong)
         with pytest.raises(InputError, match="SOURCE_DATE_EPOCH is"):
             report(plant, UNKNOWN, out=tmp_path / "a.html")
+
+
+@pytest.mark.usefixtures("without_pictures")
+def test_an_axis_without_a_stored_explanation_has_the_page_of_one_with_it(
+    plant: Store, tmp_path: Path
+) -> None:
+    """As of an assessment by an earlier version."""
+    shutil.copytree(plant.path, tmp_path / "store")
+    store = Store(tmp_path / "store")
+    expected = page_of(store, tmp_path, "bench")
+    with store.write("test") as session:
+        session.execute(delete(Explanation))
+    assert page_of(store, tmp_path, "bench") == expected

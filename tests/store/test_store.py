@@ -6,9 +6,15 @@ import json
 import os
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
+import zstandard
+from sqlalchemy import select
 from tests.monitoring.histories import at
 from tests.store.conftest import NewStore
 from tests.store.stored import EVENTS, MODEL, RUNS, count, fill, text_of
@@ -19,11 +25,26 @@ from ballscrew.base.provenance import digest
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.modal.amend import amend
 from ballscrew.monitoring.epochs import Event
+from ballscrew.store import assessing
 from ballscrew.store.adding import add_events, add_model, add_run
+from ballscrew.store.alarms import state_by
+from ballscrew.store.assessment_rows import _alarms
 from ballscrew.store.folder import DataFolder
 from ballscrew.store.histories import read_stored_history
+from ballscrew.store.reading import relative_stiffness
+from ballscrew.store.rows import pack, unpack
+from ballscrew.store.service_tables import AlarmAction
 from ballscrew.store.store import Store
-from ballscrew.store.tables import AlarmRow, Audit, Conflict, Correction, EventRow, RunRow, StateRow
+from ballscrew.store.tables import (
+    AlarmRow,
+    Assessment,
+    Audit,
+    Conflict,
+    Correction,
+    EventRow,
+    RunRow,
+    StateRow,
+)
 
 
 def test_monitor_of_a_store_is_that_of_its_files(store: Store) -> None:
@@ -357,3 +378,85 @@ def test_a_second_init_that_waits_for_the_first_leaves_its_store(
     with pytest.raises(InputError, match="is a store already"):
         Store.init(tmp_path / "store")
     assert count(Store(tmp_path / "store"), EventRow) == len(EVENTS)
+
+
+@pytest.mark.parametrize("new_url", ["sqlite"], indirect=True)
+def test_an_assessment_is_given_up_where_runs_are_added_all_the_time(
+    filled: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(assessing, "_ATTEMPTS", 2)
+    calls = []
+    monkeypatch.setattr(assessing, "store_assessment", lambda *given: calls.append(given))
+    with pytest.raises(InputError, match="runs of bench are added all the time; try again"):
+        filled.monitor("bench")
+    assert len(calls) == 2
+
+
+@pytest.mark.parametrize("new_url", ["sqlite"], indirect=True)
+def test_the_newest_assessment_is_made_again_unless_its_duty_is_unknown_or_a_run_came(
+    filled: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = filled.monitor("bench").monitored
+    with filled.read() as session:
+        row = session.scalars(select(Assessment)).one()
+        inputs, stated = row.inputs, row.settings
+    found = assessing.newest_assessment(filled, "bench", inputs, stated)
+    assert found is not None
+    assert text_of(found) == text_of(expected)
+    assert assessing.newest_assessment(filled, "bench", "", stated) is None
+    with monkeypatch.context() as patch:
+        patch.setattr(assessing, "inputs_of", lambda *_: inputs)
+        other = {**stated, "duty": "DutyCounters(…)"}
+        assert assessing.newest_assessment(filled, "bench", inputs, other) is None
+    compute = assessing.compute_assessment
+
+    def add_and_compute(*given: Any, **options: Any) -> Any:
+        filled.exclude(RUNS[-1].id, reason="a test")
+        return compute(*given, **options)
+
+    monkeypatch.setattr(assessing, "compute_assessment", add_and_compute)
+    assert assessing.newest_assessment(filled, "bench", inputs, stated) is None
+
+
+def test_an_alarm_of_the_newest_epoch_stands_also_where_its_run_is_suspect() -> None:
+    def run(state: str, number: int) -> Any:
+        reading = SimpleNamespace(epoch=0, measured_at=at(float(number)))
+        return SimpleNamespace(state=state, reading=reading)
+
+    def alarms(*states: str, alarm_at: str | None = None) -> list[tuple[int, str]]:
+        epoch = SimpleNamespace(number=0, alarm_at=alarm_at)
+        runs = [run(state, number) for number, state in enumerate(states)]
+        state: Any = SimpleNamespace(runs=runs, epochs=[epoch])
+        return _alarms(state)
+
+    assert alarms("normal", "normal") == []
+    assert alarms("normal", "alarm", "suspect", "alarm", alarm_at=at(1.0)) == [(0, at(1.0))]
+    assert alarms("alarm", "normal", "alarm") == [(0, at(0.0)), (0, at(2.0))]
+    assert alarms("normal", "suspect", alarm_at=at(1.0)) == [(0, at(1.0))]
+
+
+def test_a_stiffness_that_is_not_positive_or_has_no_width_has_no_interval() -> None:
+    epoch: Any = SimpleNamespace(coefficients=[0.0], covariance=[[1e-6]], scale=1.0, share_uncertainty=0.0)
+    design = np.ones(1).tobytes()
+    rows = [
+        (level, random, 0.0, 0.0, design)
+        for level, random in ((0.0, 1e-3), (-2.0, 1e-3), (0.0, np.inf), (0.0, np.nan))
+    ]
+    first, *others = relative_stiffness(rows, epoch)
+    assert first == pytest.approx([1.0, 0.9917, 1.0083], abs=1e-3)
+    assert others == [None, None, None]
+
+
+def test_a_damaged_document_is_a_sentence() -> None:
+    assert unpack(pack({"a": [1.5]})) == {"a": [1.5]}
+    for content in (b"", b"x", pack({"a": 1})[:-1], zstandard.compress(b"{")):
+        with pytest.raises(InputError, match="a document in the store cannot be read: the database is dam"):
+            unpack(content)
+
+
+@pytest.mark.parametrize(("until", "state"), [(at(1.0), "raised"), (at(2.0), "raised"), (at(2.1), "shelved")])
+def test_an_alarm_that_was_shelved_is_raised_again_at_its_time(until: str, state: str) -> None:
+    action = AlarmAction(action="shelved", until=until)
+    time = datetime.fromisoformat(at(2.0))
+    assert state_by(action, None, time) == state
+    assert state_by(action, "ended", time) == "ended"
