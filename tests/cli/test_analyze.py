@@ -3,11 +3,13 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from tests.cli.conftest import FILES
+from tests.cli.conftest import FILES, RATE
 from tests.estimation.made_runs import run_of
+from tests.recording.synthetic import synthetic_trip, write_trip
 from threadpoolctl import threadpool_limits
 
 import ballscrew as package
@@ -20,6 +22,7 @@ from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.reason import Reason
 from ballscrew.modal.run import FrameMode, RigidBodyResult, Run
 from ballscrew.recording.drive_input import DriveInput
+from ballscrew.recording.measure import measure
 from ballscrew.recording.rotation import TableRotation
 from ballscrew.recording.temperature import TemperatureCourse
 from ballscrew.report.explain_words import frame_words
@@ -348,3 +351,33 @@ def test_the_hint_names_the_motion_where_there_are_several(capsys):
     refused = CellResult.refused(first.key, 10, "joint", [reason])
     words = printed(capsys, replace(run_of(), cells=(*others, refused)), verbose=False)
     assert words.endswith(f"--explain {round(1e3 * first.position_m, 1):g}mm:{first.condition}")
+
+
+def test_a_temperature_that_was_recorded_is_that_of_the_run_unless_it_is_stated(rig, tmp_path):
+    signals = synthetic_trip(rate=RATE, seed=1)
+    path = write_trip(tmp_path / "warm.h5", signals, RATE)
+    with h5py.File(path, "a") as file:
+        file["nut_temperature"] = np.linspace(23.0, 24.0, len(signals["position"]))
+    channels = (rig / "channels.toml").read_text(encoding="utf-8")
+    row = (
+        '[[channel]]\nsource = "nut_temperature"\nquantity = "temperature"\nunit = "degC"\nlocation = "nut"\n'
+    )
+    (tmp_path / "channels.toml").write_text(channels + row, encoding="utf-8")
+    setup = {"channels": tmp_path / "channels.toml", "method": "paper"}
+    measured = package.analyze(path, **setup)
+    assert measured.temperature is not None
+    assert measured.temperature_C == measured.temperature.mean_C == pytest.approx(23.5, abs=0.05)
+    stated = package.analyze(path, temperature="21 degC", **setup)
+    assert stated.temperature_C == pytest.approx(21.0)
+    assert stated.temperature == measured.temperature
+
+
+def test_all_cells_are_suspect_where_the_motion_of_the_motor_is_delayed(rig, result, monkeypatch):
+    def delayed(*arguments, **options):
+        return replace(measure(*arguments, **options), motor_delayed=True)
+
+    monkeypatch.setattr("ballscrew.modal.analyze.measure", delayed)
+    run = package.analyze(rig / "run.toml")
+    assert {cell.verdict for cell in run.cells} == {"suspect"}
+    for cells, delay in ((result.cells, False), (run.cells, True)):
+        assert {"the motor's motion is delayed" in " ".join(cell.reasons) for cell in cells} == {delay}

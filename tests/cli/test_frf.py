@@ -147,3 +147,36 @@ def test_a_mode_that_is_not_found_has_dashes_and_a_reason(command):
     outcome = command("--position", "200 mm", "--band", "20", "60")
     assert outcome.status == 0
     assert "– │ – │ – │ –" in " ".join(outcome.out.split())
+
+
+def recorded(seed, rate=RATE, **others):
+    force, speed, _ = simulate(seed, noise=1e-5, seconds=0.3)
+    return package.Recording.from_arrays(
+        sample_rate=rate,
+        name=f"{seed}.h5",
+        force=force,
+        speed=speed,
+        position=np.full(force.size, 0.1),
+        **others,
+    )
+
+
+def test_files_that_do_not_belong_together_are_refused():
+    first = recorded(1)
+    with pytest.raises(package.InputError, match="no file is given"):
+        package.analyze_frf([], "force", "speed")
+    with pytest.raises(package.InputError, match="a file is given twice"):
+        package.analyze_frf([first, first], "force", "speed")
+    with pytest.raises(package.InputError, match=r"2\.h5: the channels must have the same rate"):
+        package.analyze_frf([first, recorded(2, rate=2 * RATE)], "force", "speed")
+
+
+def test_a_set_point_determines_the_rotor_held_frequency_alone():
+    _, speed, added = simulate(noise=1e-6)
+    columns = {"position": np.full(speed.size, 0.1), "speed": speed, "torque": np.cumsum(added) / RATE}
+    recording = package.Recording.from_arrays(sample_rate=RATE, name="a.h5", **columns)
+    run = package.analyze_frf(recording, "torque", "speed", quantities=("speed", "speed"), band=(80, 350))
+    (cell,) = run.cells
+    assert (cell.frequency_Hz, cell.verdict) == (None, "refused")
+    assert cell.rotor_held_frequency_Hz == pytest.approx(ROTOR_HELD, rel=5e-3)
+    assert "set-point" in " ".join(cell.reasons)

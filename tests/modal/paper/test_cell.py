@@ -16,7 +16,11 @@ from tests.modal.conftest import RATE, STOPS, cell_of, estimate, table_of
 from tests.modal.plant import MOTION, Plant, trip, way
 
 from ballscrew.fcft.conditions import Condition
+from ballscrew.modal.paper.cell import _amplification
+from ballscrew.modal.paper.peak import Peak
 from ballscrew.modal.paper.settings import PaperSettings
+from ballscrew.modal.paper.window import LEAST
+from ballscrew.modal.spectra import Spectra
 
 DEFAULT = PaperSettings()
 
@@ -237,3 +241,23 @@ def test_a_dead_sensor_is_refused(cell):
     rows = cell("PA").copy(deep=True)
     rows["input"].values[:] = 0.0
     refusal(rows, Condition.PA)
+
+
+def test_a_phase_too_short_to_separate_its_blows_is_suspect(cell):
+    expected = 149.5  # four periods are 133.8 samples
+    for periods, verdict in ((LEAST + 0.1, "good"), (LEAST - 0.5, "suspect")):
+        rows = cell("PA")
+        rows = rows.assign(end=rows["onset"] + round(periods * RATE / expected))
+        mode, _ = estimate(rows, "PA", expected)
+        assert mode.verdict == verdict
+        assert mode.frequency_Hz == pytest.approx(150.0, abs=3.0)
+    assert mode.reasons == ("the phase is too short to separate the blows at its two ends",)
+
+
+@pytest.mark.parametrize(("lowest", "known"), [(20.0, True), (50.0, False)])
+def test_the_height_of_a_peak_is_relative_to_the_frf_far_below_it(lowest, known):
+    f = np.arange(lowest, 300.0, 2.0)
+    flat = np.where(f < 60.0, 2.0, 5.0)
+    spectra = Spectra(f, np.ones(len(f)), flat[None] ** 2, flat[None].astype(complex), 3)
+    found = _amplification(Peak(150.0, 24.0, at_edge=False), spectra)
+    assert found == pytest.approx(12.0) if known else np.isnan(found)

@@ -12,8 +12,10 @@ from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.base.tables import FREQUENCY_RESPONSE, validate
 from ballscrew.fcft.plan import Plan
 from ballscrew.modal import analyze
-from ballscrew.modal.paper.cells import identify_cells
+from ballscrew.modal.cell import CellResult
+from ballscrew.modal.paper.cells import _assess_again, _refuse_strays, identify_cells
 from ballscrew.modal.paper.settings import PaperSettings
+from ballscrew.modal.reason import Reason
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases
 from ballscrew.recording.quality.finding import Quality
@@ -170,3 +172,41 @@ def test_spectra_without_a_frequency(table):
         (c.position_m, c.condition, c.repetitions) for c in whole
     ]
     assert {c.frequency_Hz for c in cells} == {None}
+
+
+def peaks_of(frequencies, repetitions=3):
+    """Results of cells of one condition, 45 mm from each other; None is a refused one that was measured."""
+    out = {}
+    for number, frequency in enumerate(frequencies):
+        cell = CellResult(0.045 * number, "PA", 0, repetitions, frequency, 0.5, None, "paper", "good", ())
+        if frequency is None:
+            cell = CellResult.refused(cell.key, repetitions, "paper", [Reason("no-mode", "no peak")])
+        out[cell.key] = cell
+    return out
+
+
+def test_a_few_peaks_on_a_curve_are_no_mode_of_the_axis():
+    few = _refuse_strays(peaks_of([150.0, 149.0, *[None] * 10]))
+    assert {cell.verdict for cell in few.values()} == {"refused"}
+    first, *_ = few.values()
+    assert first.reasons == (
+        "only 2 of 12 cells show a peak on one curve along the axis: that is no mode of it",
+    )
+    enough = peaks_of([150.0, 149.0, 148.0, 147.0, *[None] * 8])
+    assert _refuse_strays(enough) == enough
+    nothing = peaks_of([None] * 3)
+    assert _refuse_strays(nothing) == nothing
+
+
+@pytest.mark.parametrize(("scatter", "verdict"), [(0.3, "good"), (3.0, "suspect"), (30.0, "refused")])
+def test_conditions_of_a_stop_that_disagree_make_a_cell_suspect_or_refused(scatter, verdict):
+    (cell,) = peaks_of([150.0]).values()
+    cell = replace(cell, uncertainty_terms_Hz={"window": 0.5})
+    assessed = _assess_again(cell, scatter, PaperSettings())
+    assert assessed.verdict == verdict
+    if verdict == "refused":
+        assert assessed.frequency_Hz is None
+        assert assessed.reasons[0].endswith(": the conditions of one stop disagree")
+    else:
+        assert assessed.standard_uncertainty_Hz == pytest.approx(np.hypot(0.5, scatter))
+        assert assessed.uncertainty_terms_Hz == {"window": 0.5, "conditions": scatter}
