@@ -173,7 +173,7 @@ def _with_run(prepared: CalibrationInput, fit: Fit, scale: float, run: Frequency
     old, n = len(problem.observed), len(problem.position)
     covariance = block_diag(problem.covariance, cells[n:, n:])
     covariance[:n, old:], covariance[old:, :n] = cells[:n, n:], cells[n:, :n]
-    # The variances of outliers were increased, their covariances not: the joint matrix need not be positive.
+    # The blocks are by the model before and after the calibration: the joint matrix need not be positive.
     values, vectors = np.linalg.eigh(covariance)
     covariance = vectors * np.maximum(values, 1e-12 * values.max()) @ vectors.T
     return covariance_by_rows(fit.directions, all_slopes, covariance)

@@ -54,7 +54,7 @@ class CalibrationInput:
     covariance : ndarray, shape (n, n)
         Of ln f of all n cells.
     reasons : tuple of Doubt
-        Doubts by runs that were left out or are suspect, and by what the runs have not in common.
+        Doubts of runs that were left out or are suspect, and of the loads, method and frame mode of all.
     notes : tuple of str
         Assumptions of the grouping.
     variation : ExperimentVariation
