@@ -246,3 +246,9 @@ def test_hidden_files_are_no_recordings(tmp_path: Path) -> None:
     touch(tmp_path, ".X_1.h5", ".git/X_1.h5")
     watched = WatchedFolder(tmp_path, RunRule(pattern="{axis}_{run}.h5"), settle=0, timeout=0)
     assert list(watched.scan(0)) == []
+
+
+def test_an_axis_that_is_no_text_is_not_sent(tmp_path: Path) -> None:
+    sentence = only_error(touch(tmp_path, "a.h5"), RunRule(axis="X\udcff"))
+    assert sentence.endswith("the axis is no text in UTF-8; give its name (--axis).")
+    sentence.encode()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -21,10 +22,11 @@ from tests.sending.fake_server import FakeServer, Fault, fake_server
 
 from ballscrew import InputError
 from ballscrew.sending import server as server_module
-from ballscrew.sending.outgoing import RunRule
+from ballscrew.sending.outgoing import RunRule, existing_group, listed_files, run_of
 from ballscrew.sending.sender import SendHooks, SendResult, send, send_new
 from ballscrew.sending.settings import SendSettings, check_address, spool_folder
 from ballscrew.sending.spool import Spool
+from ballscrew.sending.watched import WatchedFolder
 
 Send = Callable[..., SendResult]
 
@@ -1026,3 +1028,124 @@ def test_a_refused_run_of_a_watched_folder_is_not_sent_again(
 def test_the_spool_is_not_in_the_watched_folder(folder: Path, settings: SendSettings) -> None:
     with pytest.raises(InputError, match="must be outside"):
         send_new(folder, "http://localhost", settings=replace(settings, spool=folder / "spool"))
+
+
+def test_a_run_that_never_fits_is_named_once_and_the_others_of_the_folder_are_sent(
+    folder: Path, server: FakeServer, settings: SendSettings, scene: Scene
+) -> None:
+    write_run(folder / "1", [b"x" * 5000])
+    write_run(folder / "2", [b"y"])
+    watch(folder, server, replace(settings, spool_limit=4000), scene)
+    assert list(server.files.values()) == [b"y"]
+    (sentence,) = scene.sentences
+    assert "more than the limit of the spool" in sentence
+
+
+def test_a_spool_that_cannot_be_locked_for_a_while_is_named_and_sent_later(
+    folder: Path, server: FakeServer, settings: SendSettings, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sending = Spool.sending
+
+    def fail(spool: Spool) -> Any:
+        if len(scene.waits) < 8:
+            raise OSError(errno.EIO, "Input/output error")
+        return sending(spool)
+
+    monkeypatch.setattr(Spool, "sending", fail)
+    write_run(folder / "1")
+    watch(folder, server, settings, scene, 60)
+    assert len(server.runs) == 1
+    (sentence,) = scene.sentences
+    assert sentence.startswith(f"{settings.spool}: ")
+    assert "Input/output error" in sentence
+
+
+def test_a_file_that_goes_and_comes_begins_to_settle_when_it_comes(folder: Path) -> None:
+    watched = WatchedFolder(folder, RunRule(), settle=10.0, timeout=100.0)
+    path = folder / "a.h5"
+    assert [watched._changed_at(path, now) for now in (1.0, 2.0)] == [1.0, 1.0]
+    path.write_bytes(b"x")
+    assert [watched._changed_at(path, now) for now in (3.0, 4.0)] == [3.0, 3.0]
+    path.unlink()
+    assert [watched._changed_at(path, now) for now in (5.0, 6.0)] == [5.0, 5.0]
+    assert watched._changed_at(folder / "a\0b", 7.0) == 7.0
+
+
+def test_a_proxy_that_is_no_address_is_a_sentence(
+    run_toml: Path, settings: SendSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HTTP_PROXY", "gopher://proxy:70")
+    with pytest.raises(InputError, match=r"http://192\.0\.2\.1: no connection can be made .*gopher"):
+        send([run_toml], "http://192.0.2.1", settings=replace(settings, plain_http=True))
+
+
+@pytest.mark.parametrize("damage", [Path.unlink, lambda path: path.write_bytes(b"one" * 999)])
+def test_a_copy_in_the_spool_that_is_missing_or_short_is_refused_and_not_sent(
+    run_toml: Path,
+    settings: SendSettings,
+    scene: Scene,
+    server: FakeServer,
+    damage: Callable[[Path], object],
+) -> None:
+    send([run_toml], closed_address(), settings=replace(settings, tries=1))
+    (folder,) = queue_of(settings)
+    damage(folder / hashlib.sha256(b"one" * 1000).hexdigest())
+    result = send([], server.address, settings=settings, hooks=scene.hooks)
+    assert "trip1.h5: its copy in the spool is damaged; send the run again" in result.rejected[0]
+    assert "PUT" not in server.log
+
+
+def test_a_whole_file_that_the_server_refuses_is_refused_with_its_reason(
+    send_files: Send, server: FakeServer, run_toml: Path
+) -> None:
+    """Its copy is right, and the server had nothing of it."""
+    server.faults.append(Fault("PUT", 422, detail="the disk is no disk"))
+    result = send_files(run_toml)
+    assert "trip1.h5" in result.rejected[0]
+    assert "the disk is no disk" in result.rejected[0]
+    assert server.log.count("PUT") == 1
+
+
+def test_a_run_whose_files_are_gone_has_no_known_state(
+    send_files: Send, run_toml: Path, settings: SendSettings
+) -> None:
+    send_files(run_toml)
+    assert settings.spool is not None
+    spool, run = (
+        Spool(settings.spool, 1e9),
+        run_of(existing_group(run_toml, listed_files(run_toml)), RunRule()),
+    )
+    assert spool.known_state(run) == "sent"
+    run.paths[0].unlink()
+    assert spool.known_state(run) == ""
+
+
+@pytest.mark.parametrize("function", ["fsync", "rename"])
+def test_an_error_of_the_disk_leaves_no_half_of_a_run_in_the_spool(
+    run_toml: Path, settings: SendSettings, server: FakeServer, monkeypatch: pytest.MonkeyPatch, function: str
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(*{"fsync": (os, "fsync"), "rename": (Path, "rename")}[function], fail)
+        result = send([run_toml], server.address, settings=settings)
+    assert result.failures[0].endswith("cannot be spooled (Input/output error).")
+    assert settings.spool
+    assert list((settings.spool / "queue").iterdir()) == []
+    assert server.runs == {}
+
+
+def test_a_run_that_another_process_spools_at_the_same_time_is_sent_once(
+    send_files: Send, run_toml: Path, server: FakeServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rename = Path.rename
+
+    def come_second(path: Path, target: Path) -> Path:
+        if target.parent.name == "queue" and not target.exists():
+            shutil.copytree(path, target)
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "rename", come_second)
+    result = send_files(run_toml)
+    assert (len(result.sent), result.failures, len(server.runs)) == (1, (), 1)
