@@ -1,12 +1,15 @@
 from __future__ import annotations
 
+import io
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from ballscrew.base import files
 from ballscrew.base.errors import InputError, printable
-from ballscrew.base.files import open_regular, read_whole, sweep, write_texts
+from ballscrew.base.files import open_regular, read_whole, sweep, sync_folder, write_texts
 from ballscrew.base.jsonfile import read_json
 from ballscrew.base.provenance import hash_file
 from ballscrew.base.tomlfile import read_toml
@@ -112,3 +115,42 @@ def test_the_reason_is_that_of_the_system(tmp_path):
 def test_controls_of_a_terminal_are_escaped():
     assert printable("µ → °\x1b[31m\n\u202e\x9b") == "µ → °\\x1b[31m\\n\\u202e\\x9b"
     assert str(InputError("a\x1bb")) == "a\\x1bb"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes")
+def test_a_pipe_that_comes_in_the_place_of_a_file_is_not_read(tmp_path, monkeypatch):
+    os.mkfifo(tmp_path / "a")
+    monkeypatch.setattr(Path, "is_file", lambda _: True)  # it was one
+    with pytest.raises(InputError, match="a: is no regular file"):
+        open_regular(tmp_path / "a")
+
+
+def test_an_error_of_the_disk_while_a_file_is_read_is_a_sentence(tmp_path, monkeypatch):
+    (tmp_path / "a").write_bytes(b"x")
+
+    class Broken(io.FileIO):
+        def read(self, _size=-1):
+            raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(files, "open_regular", lambda path, **_: Broken(path))
+    with pytest.raises(InputError, match=r"a: cannot be read \(Input/output error\)\.$"):
+        read_whole(tmp_path / "a")
+
+
+def test_an_error_of_the_disk_while_a_file_is_hashed_is_a_sentence(tmp_path, monkeypatch):
+    (tmp_path / "a").write_bytes(b"x")
+
+    def fail(*_):
+        raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr("hashlib.file_digest", fail)
+    with pytest.raises(InputError, match=r"a: cannot be read \(Input/output error\)\.$"):
+        hash_file(tmp_path / "a")
+
+
+def test_a_folder_is_made_durable_except_on_windows(tmp_path, monkeypatch):
+    sync_folder(tmp_path)
+    with pytest.raises(FileNotFoundError):
+        sync_folder(tmp_path / "none")
+    monkeypatch.setattr(files, "os", SimpleNamespace(name="nt"))  # which can open none
+    sync_folder(tmp_path / "none")

@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from ballscrew.base import native
 from ballscrew.base.errors import InputError
 from ballscrew.base.native import read_table, write_table
 from ballscrew.base.tables import FREQUENCY_RESPONSE, MODE_TABLE, TRANSIENTS
@@ -250,3 +251,20 @@ def test_something_after_the_seal_is_seen(tmp_path, full):
         stream.write(b"x")
     with pytest.raises(InputError, match="is not a table of ballscrew, or is cut"):
         read_table(tmp_path / "t.h5")
+
+
+def test_a_sealed_file_that_names_no_schema_is_refused(tmp_path, full):
+    path = tmp_path / "t.h5"
+    write_table(full, path)
+    with _opened(path) as file:
+        del file.attrs["schema"]
+    with pytest.raises(InputError, match="is not a table of ballscrew: it names no schema"):
+        read_table(path)
+
+
+@pytest.mark.parametrize("kind", [object, "S9"])
+def test_texts_are_those_of_numpy_whatever_type_a_library_reads_them_as(kind):
+    texts = np.array(["suspect", ""]).astype(kind)
+    found = native._join(xr.Dataset({"verdict": ("cell", texts)}))
+    assert found["verdict"].dtype.kind == "U"
+    assert found["verdict"].values.tolist() == ["suspect", ""]

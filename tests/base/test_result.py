@@ -15,7 +15,15 @@ import ballscrew
 from ballscrew.axis.axial import frequency
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
-from ballscrew.base.result import PlottedResult, check_export, export_table, quantity_rows, with_interval
+from ballscrew.base.result import (
+    MOST_SENTENCES,
+    PlottedResult,
+    check_export,
+    export_table,
+    first_sentences,
+    quantity_rows,
+    with_interval,
+)
 from ballscrew.fcft.planned import plan
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.testbed.example import AXIS, PLAN
@@ -211,3 +219,11 @@ def test_columns_of_one_name_are_refused(names, tmp_path):
     with pytest.raises(InputError, match=f"two columns of the table have the name '{names[1]}'"):
         export_table(table if names[0] != "x" else table.map(np.real), tmp_path / "a.csv")
     assert not (tmp_path / "a.csv").exists()
+
+
+@pytest.mark.parametrize("number", [0, 1, 3, 4, 10])
+def test_of_many_sentences_the_first_are_shown_and_how_many_more_there_are(number: int) -> None:
+    sentences = [f"{each}." for each in range(number)]
+    shown = first_sentences(sentences)
+    assert shown[:MOST_SENTENCES] == sentences[:MOST_SENTENCES]
+    assert shown[MOST_SENTENCES:] == ([f"and {number - 3} more"] if number > 3 else [])

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ballscrew.base import units
 from ballscrew.base.errors import InputError
 from ballscrew.base.units import COMMON, conversion, conversion_by_pint, parse
 
@@ -165,3 +166,16 @@ def test_numbers_of_numpy_and_mat_files_are_numbers() -> None:
         assert parse(rate, "Hz") == 12800
     with pytest.raises(InputError, match="not a number with a unit"):
         parse(np.array([1.0, 2.0]), "Hz")
+
+
+@pytest.mark.parametrize("error", [OSError, ImportError])
+def test_without_the_definitions_of_pint_an_uncommon_unit_is_refused_as_such(monkeypatch, error):
+    def fail():
+        raise error
+
+    monkeypatch.setattr(units, "_registry", fail)
+    assert parse("1 mm", "m") == 1e-3
+    with pytest.raises(
+        units.NoDefinitionsError, match="the unit 'furlong' needs pint, which cannot be loaded"
+    ):
+        parse("1 furlong", "m")
