@@ -56,19 +56,15 @@ def next_measurements(
     heaviest = max(prepared.runs, key=lambda run: run.load)
     heavier = max(2 * heaviest.load, heaviest.load + 0.5 * fit.model.mass)  # kg
     heavier_run = replace(heaviest, id="", load=heavier)
-    options = {
-        "as it is": fit.covariance,
-        f"one more load, {heavier:.3g} kg, if the machine can carry it": _with_run(
-            prepared, fit, scale, heavier_run
-        ),
-        "the known preload of these runs, ±2 %": _with_known_preload(fit, KNOWN_PRELOAD),
-        "the known preload of these runs and a run at a known half of it, ±2 % each": _with_half_preload(
-            fit, heaviest, prepared.variation
-        ),
-        f"two acceleration levels, which determine the preload to ±{100 * LEVELS:.0f} %": _with_known_preload(
-            fit, LEVELS
-        ),
-    }
+    options = {"as it is": fit.covariance}
+    name = f"one more load, {heavier:.3g} kg, if the machine can carry it"
+    options[name] = _with_run(prepared, fit, scale, heavier_run)
+    name = "the known preload of these runs, ±2 %"
+    options[name] = _with_known_preload(fit, KNOWN_PRELOAD)
+    name = "the known preload of these runs and a run at a known half of it, ±2 % each"
+    options[name] = _with_half_preload(fit, heaviest, prepared.variation)
+    name = f"two acceleration levels, which determine the preload to ±{100 * LEVELS:.0f} %"
+    options[name] = _with_known_preload(fit, LEVELS)
     stop = next_stop(heaviest.position, sheet)
     if stop is not None:
         name = f"one more run with {heaviest.load:g} kg and another stop, at {1e3 * stop:.0f} mm"
