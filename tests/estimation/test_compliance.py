@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.estimation.made_runs import BEARING, LOAD, MODEL, run_of
+from tests.estimation.made_runs import BEARING, LOAD, MODEL, calibrated, run_of
 
 from ballscrew.axis.axial import frequency
 from ballscrew.axis.equations import preload_change
 from ballscrew.base.errors import InputError
+from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.frequency_table import frequency_table, paired_cells
 from ballscrew.estimation.compliance import change_from_model, change_since, load_sensitivity
+from ballscrew.estimation.preload import preload
+from ballscrew.modal.cell import SharedError
 
 BASE = frequency_table(run_of(name="base"))
 
@@ -123,3 +126,28 @@ def test_against_the_model_its_parameters_count() -> None:
     stiffer = dataclasses.replace(MODEL, compliance=MODEL.compliance * np.exp(1e-5))
     other = change_from_model(frequency_table(run_of(0.8)), stiffer, BEARING)
     np.testing.assert_allclose((other.y - change.y) / 1e-5, change.by_parameters[0], rtol=1e-3)
+
+
+def test_an_error_that_repeats_in_one_run_alone_counts_whole() -> None:
+    """What both runs have in common cancels; what only one has does not."""
+    plain = {name: run_of(ratio, name=name) for name, ratio in (("run", 0.8), ("base", 1.0))}
+    erring = {}
+    for name, run in plain.items():
+        effects = tuple(2e-3 * (cell.frequency_Hz or 0.0) for cell in run.cells)
+        error = SharedError("sensor", repeats=True, effects_Hz=effects)
+        erring[name] = dataclasses.replace(run, shared_errors=(error,))
+    pairs = {
+        "neither": (plain, plain), "the run": (erring, plain),
+        "the baseline": (plain, erring), "both": (erring, erring),
+    }  # fmt: skip
+    part = {"neither": 0.0}
+    for which, (runs, baselines) in pairs.items():
+        found = preload(
+            runs["run"], calibrated(), baselines["base"], assumptions=Assumptions(repeats=1.0)
+        ).stiffness_relative_to_baseline
+        assert found is not None
+        part[which] = found.standard_uncertainty**2
+    added = {which: variance - part["neither"] for which, variance in part.items()}
+    assert added["the run"] == pytest.approx(added["the baseline"], rel=0.02)
+    assert added["the run"] > 1e-4
+    assert abs(added["both"]) < 0.1 * added["the run"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -67,3 +68,17 @@ def test_hostile_documents_are_refused(anything: Any) -> None:
         PreloadEstimate.from_json(anything)
     with pytest.raises(InputError):
         PreloadEstimate.from_json({**DOCUMENT, "parts": anything})
+
+
+def test_the_text_of_an_estimate_names_its_time() -> None:
+    timed = preload(run_of(0.7, measured_at="2026-03-01T08:00:00+00:00"), calibrated(), BASE)
+    first, *_ = str(timed).splitlines()
+    assert "bench, 2026-03-01T08:00:00+00:00: stiffness good, preload of the nut " in first
+    assert "bench: stiffness " in str(FOUND).splitlines()[0]
+
+
+def test_nothing_is_known_of_a_refused_preload() -> None:
+    refused = preload(run_of(1.0, level=0.2), calibrated(), BASE)
+    assert refused.relative_interval == (0.0, math.inf)
+    assert FOUND.stiffness_relative_to_baseline is not None
+    assert FOUND.relative_interval == FOUND.stiffness_relative_to_baseline.interval

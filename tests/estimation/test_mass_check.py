@@ -186,3 +186,34 @@ def test_less_friction_is_not_mistaken_for_a_lighter_load() -> None:
     assert worn.inertia_spread == pytest.approx(
         math.hypot(same.inertia_spread, assumptions.mass_friction * math.log(2)), rel=1e-3
     )
+
+
+def test_a_load_taken_off_that_exceeds_the_whole_inertia_is_not_compared() -> None:
+    """The declared loads contradict the baseline's inertia."""
+    heavy = dataclasses.replace(BASE, mass_kg=400.0)
+    assert mass_changes(run_of(0.8, load=0.0, **SURE), heavy, MODEL, Assumptions()) is None
+    assert mass_changes(run_of(0.8, load=200.0, **SURE), heavy, MODEL, Assumptions()) is not None
+
+
+def test_an_infinite_rotor_has_no_ratio_of_frequencies() -> None:
+    run = run_of(0.8, true_load=LOAD + 3, **SURE)
+    infinite = dataclasses.replace(MODEL, rotor=math.inf)
+    masses = mass_changes(run, BASE, infinite, Assumptions())
+    assert masses is not None
+    assert (masses.frequency_ratio, masses.frequency_ratio_spread) == (None, None)
+    assert masses.inertia != 0
+
+
+@pytest.mark.parametrize(
+    ("load", "words"), [(0.99, "99 times as probable"), (0.9995, "more than 1000 times")]
+)
+def test_the_odds_of_a_wrong_load_are_in_words(load: float, words: str) -> None:
+    masses = mass_changes(run_of(1.0, true_load=LOAD + 4, **SURE), BASE, MODEL, Assumptions())
+    assert masses is not None
+    causes = tuple(
+        PossibleCause(name, part, 1.0, 0.0, 1.0, "", True, name)
+        for name, part in (("load", load), ("torque", 1 - load))
+    )
+    found = check_mass(masses, causes, 0.1, Assumptions())
+    assert found.decision == "corrected"
+    assert f"not with a drifted torque constant ({words}" in found.text

@@ -7,9 +7,12 @@ import math
 import numpy as np
 import pytest
 from tests.estimation.made_runs import calibrated, run_of
+from tests.monitoring.histories import unloading
 
+from ballscrew.axis.hertz import RELEASE
 from ballscrew.base.quantity import Quantity
-from ballscrew.estimation.nut import NutEvidence, contradiction, nut_quantity, nut_ratios
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.estimation.nut import NutEvidence, contradiction, nut_quantity, nut_ratios, release_limit
 from ballscrew.estimation.preload import preload
 
 BEARING_OVER_NUT = 0.5
@@ -73,3 +76,29 @@ def test_newtons_by_a_baseline_outside_the_calibration_use_the_softening_too() -
     assert found.relative_to_baseline.interval[0] < 1.0 < found.relative_to_baseline.interval[1]
     assert found.preload_N.value == pytest.approx(600 * found.relative_to_baseline.value, rel=1e-3)
     assert found.preload_N.interval[0] < 600.0 < found.preload_N.interval[1]
+
+
+def test_a_bearing_that_may_have_changed_too_much_leaves_the_nut_without_an_upper_end() -> None:
+    wide = NutEvidence(0.9, stated=True)
+    assert nut_quantity(STIFFNESS, BEARING_OVER_NUT, NutEvidence(0.1, stated=True)) is not None
+    assert nut_quantity(Quantity(3.0, 0.5, "", (2.0, 4.5)), 1.5, wide) is None
+    base = run_of(name="base")
+    found = preload(run_of(3.0), calibrated(), base, assumptions=Assumptions(bearing_drift=0.5))
+    assert (found.verdict, found.nut_verdict) == ("good", "refused")
+    assert found.nut_reasons == (
+        "within the support bearing's possible change the nut's preload has no upper end",
+    )
+    assert found.relative_to_baseline is None
+    assert found.stiffness_relative_to_baseline is not None
+
+
+def test_the_limit_of_an_unloaded_nut_is_as_certain_as_the_baselines_softening() -> None:
+    (run,) = unloading(4.0, [run_of(0.2)])
+    limits = []
+    for relative in (None, 0.01, 0.2):
+        known = None if relative is None else Quantity(0.22, relative * 0.22, "kg/N")
+        (base,) = unloading(1.0, [run_of(name="base", mass_over_preload_kg_per_N=known)])
+        limits.append(release_limit(run, base, calibrated(preload=0.09)))
+    by_model, certain, uncertain = (math.log(limit * RELEASE) for limit in limits if limit is not None)
+    assert by_model / 0.09 == pytest.approx(certain / 0.01)
+    assert uncertain == pytest.approx(20 * certain)

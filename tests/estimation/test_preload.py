@@ -25,6 +25,7 @@ from ballscrew.estimation.preload import preload
 from ballscrew.estimation.verdict import doubts_of_cells
 from ballscrew.modal.reason import Reason, ReasonKind
 from ballscrew.modal.run import FrameMode, Run
+from ballscrew.recording.quality.clock import Clock
 from ballscrew.recording.quality.finding import Quality
 
 BASE = run_of(name="base")
@@ -544,3 +545,26 @@ def test_refusals_before_any_estimate_name_the_doubts_of_the_calibration() -> No
         assert estimate.verdict == "refused"
         assert estimate.reasons[1:] == ("the calibration is suspect (misfit): it scatters",)
         assert len(preload(run, doubtful, BASE, accept=["misfit"]).reasons) == 1
+
+
+def test_a_suspect_measurement_makes_the_preload_suspect_and_one_of_the_baseline_too() -> None:
+    doubt = Quality("suspect", ("torque hums at 50 Hz", "a spike"))
+    found = preload(run_of(0.8, quality=doubt), calibrated(), BASE)
+    assert found.verdict == "suspect"
+    assert found.reasons[0] == "the measurement is suspect: torque hums at 50 Hz"
+    found = preload(run_of(0.8), calibrated(), dataclasses.replace(BASE, quality=doubt))
+    assert found.verdict == "suspect"
+    assert found.reasons[0] == "the measurement of the baseline is suspect"
+
+
+def test_a_clock_that_differs_from_the_baselines_makes_the_preload_suspect() -> None:
+    clocks = [Clock(error, 1e-4) for error in (0.0, 0.02)]
+    base = dataclasses.replace(BASE, clock=clocks[0])
+    same = preload(run_of(0.8, clock=clocks[0]), calibrated(), base)
+    assert not any("clock" in reason for reason in same.reasons)
+    other = preload(run_of(0.8, clock=clocks[1]), calibrated(), base)
+    assert other.verdict == "suspect"
+    assert any(
+        "the clock of the recordings differs from the baseline's by +2.00 %" in reason
+        for reason in other.reasons
+    )

@@ -78,3 +78,15 @@ def test_a_softer_bearing_at_the_far_end_is_no_lost_end():
     """Two bearings of which the far one has lost a tenth of its stiffness."""
     worn = from_sheet(replace(SHEET, bearing=Bearing(160e6, far_stiffness=144e6)), 0.225)
     assert reasons(run_of(model=worn))[1] == []
+
+
+def test_two_stops_show_no_lost_end():
+    """A curvature takes three."""
+
+    def found(stops):
+        run = run_of(model=BOTH, softer=without("far"), stops=stops)
+        estimate = preload(run, calibrated(BOTH), run_of(model=BOTH, name="base", stops=stops))
+        return any("no longer carries" in reason for reason in estimate.reasons)
+
+    assert found((0.0, 0.15, 0.3, 0.45))
+    assert not found((0.0, 0.45))
