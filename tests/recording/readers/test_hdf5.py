@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from ballscrew.base import units
 from ballscrew.base.errors import InputError
 from ballscrew.recording.readers import reader_for
 from ballscrew.recording.readers.hdf5 import Hdf5Reader
@@ -127,3 +128,27 @@ def test_the_bench(bench: Path) -> None:
     assert {c.name: c.unit for c in header.channels}["torque"] == "N m"
     with h5py.File(path) as file:
         assert {c.size for c in header.channels} == {len(file["torque"])}
+
+
+@pytest.mark.parametrize("value", ["fast", "1000 m", "NaN Hz", [1000.0, 2000.0], b"\xff"])
+def test_a_rate_that_is_none_is_not_known(path: Path, value: object) -> None:
+    with h5py.File(path, "w") as file:
+        file["torque"] = X
+        file.attrs["sample_rate"] = value
+    assert READER.read_header(path).sample_rate is None
+
+
+def test_an_uncommon_unit_is_asked_for_where_its_definitions_cannot_be_loaded(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another process, which has loaded them, then reads the file."""
+
+    def fail() -> None:
+        raise OSError
+
+    with h5py.File(path, "w") as file:
+        file["torque"] = X
+        file.attrs["sample_rate"] = "25.6 kilohertz"
+    monkeypatch.setattr(units, "_registry", fail)
+    with pytest.raises(units.NoDefinitionsError):
+        READER.read_header(path)

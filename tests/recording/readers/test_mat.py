@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -130,3 +132,79 @@ def test_a_real_drive(emps: Path) -> None:
     assert [channel.name for channel in header.channels] == ["qg", "qm", "t", "vir"]
     assert {channel.size for channel in header.channels} == {24841}
     assert READER.read(path, ["qm"])["qm"][:2] == pytest.approx([7.45e-6, 1.43e-5])
+
+
+def element(kind: int, content: bytes) -> bytes:
+    """An element, padded to eight bytes."""
+    return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def matrix(
+    content: bytes,
+    kind: int = 6,
+    *,
+    name: bytes = b"a",
+    shape: bytes = struct.pack("<2i", 1, 40),
+    dims: int = 5,
+) -> bytes:
+    """An array of a class with its samples or fields."""
+    about = element(6, struct.pack("<II", kind, 0)) + element(dims, shape) + element(1, name)
+    return element(14, about + content)
+
+
+def fields(size: int, *arrays: bytes) -> bytes:
+    """A struct of fields a, b …, whose names have a size."""
+    names = b"".join(bytes([97 + number]).ljust(size, b"\0") for number in range(len(arrays)))
+    about = element(5, struct.pack("<i", size)) + element(1, names)
+    return matrix(about + b"".join(arrays), 2, name=b"run", shape=struct.pack("<2i", 1, 1))
+
+
+def packed(content: bytes) -> bytes:
+    """A compressed element, which is not padded."""
+    content = zlib.compress(content)
+    return struct.pack("<II", 15, len(content)) + content
+
+
+def write(path: Path, *elements: bytes) -> None:
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + b"".join(elements))
+
+
+GOOD = matrix(element(9, X.tobytes()))
+
+
+def test_a_file_that_is_assembled_here_is_read(path: Path) -> None:
+    write(path, GOOD, packed(fields(8, GOOD)))
+    values = READER.read(path, ["a", "run/a"])
+    for name in values:
+        np.testing.assert_array_equal(values[name], X)
+
+
+def test_an_empty_array_is_no_channel(path: Path) -> None:
+    """As MATLAB writes ``[]`` in a struct, and a variable of which nothing is stored."""
+    nothing = struct.pack("<II", 14, 0)
+    write(path, packed(nothing), fields(8, nothing, GOOD))
+    assert [channel.name for channel in READER.read_header(path).channels] == ["run/b"]
+
+
+@pytest.mark.parametrize(
+    ("elements", "why"),
+    [
+        ([packed(b"abc")], "a variable is cut"),
+        ([packed(GOOD + bytes(200))], "a compressed variable is cut or longer than it says"),
+        ([packed(GOOD[:-8])], "the file is cut"),
+        ([fields(8, element(9, X.tobytes()))], "an element is no array"),
+        ([fields(0, GOOD)], "a struct's fields have no names"),
+        ([matrix(b"", dims=9)], "an array does not say its shape"),
+        ([matrix(b"", shape=b"1234")], "an array does not say its shape"),
+        ([matrix(b"", shape=struct.pack("<2i", -1, 40))], r"the impossible shape \(-1, 40\)"),
+    ],
+)
+def test_what_violates_the_format_is_refused(path: Path, elements: list[bytes], why: str) -> None:
+    write(path, *elements)
+
+    def read() -> None:
+        READER.read_header(path)
+        READER.read(path, ["a"])
+
+    with pytest.raises(InputError, match=rf"a\.mat: cannot be read as .*{why}"):
+        read()

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -214,3 +215,68 @@ def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     (tmp_path / "a.mf4").write_bytes(damaged("nothing"))
     with pytest.raises(InputError, match=r"asammdf reads: pip install 'ballscrew\[mdf4\]'"):
         READER.read_header(tmp_path / "a.mf4")
+
+
+def test_channels_that_have_no_number_in_each_record_are_omitted(path: Path) -> None:
+    """Texts, and samples whose length varies or that another channel counts."""
+    file = Mdf()
+    at = file.channel("text", 16, data_type=7)
+    at = file.channel("long", 8, at, kind=1, data_type=0)
+    at = file.channel("torque", 0, at, unit="N m")
+    rows = np.stack([np.arange(50.0)] * 3, axis=1)
+    file.group(at, file.add("DT", data=rows.tobytes()), 50, 24)
+    path.write_bytes(file.to_bytes())
+    (channel,) = READER.read_header(path).channels
+    assert (channel.name, channel.size, channel.sample_rate) == ("torque", 50, None)  # no master of time
+    np.testing.assert_array_equal(READER.read(path, ["torque"])["torque"], np.arange(50.0))
+
+
+def test_a_channel_whose_samples_are_all_invalid_is_missing(path: Path) -> None:
+    file = Mdf()
+    add_group(file, records(), flags=1)
+    path.write_bytes(file.to_bytes())
+    values = READER.read(path, ["torque", "bits"])
+    assert np.isnan(values["torque"]).all()
+    assert values["torque"].shape == (N,)
+    assert np.isfinite(values["bits"]).all()
+
+
+@pytest.mark.parametrize("times", [[np.nan, 1.0, 2.0], [0.0], [0.0, np.inf, 1.0]])
+def test_without_two_finite_times_there_is_no_rate(path: Path, times: list[float]) -> None:
+    file, rows = Mdf(), records(size=len(times))
+    rows["t"] = times
+    add_group(file, rows)
+    path.write_bytes(file.to_bytes())
+    channels = {channel.name: channel for channel in READER.read_header(path).channels}
+    assert channels["torque"].sample_rate is None
+    assert READER.read(path, ["torque"])["torque"].size == len(times)
+
+
+@pytest.mark.parametrize(
+    ("start", "expected"), [(0, None), (2**64 - 1, "2554-"), (10**9, "1970-01-01T00:00:01")]
+)
+def test_a_start_that_was_not_stored_is_not_known(path: Path, start: int, expected: str | None) -> None:
+    file = Mdf(start)
+    add_group(file, records())
+    path.write_bytes(file.to_bytes())
+    found = READER.read_header(path).started_at
+    assert found is None if expected is None else str(found).startswith(expected)
+
+
+def test_a_start_that_no_calendar_has_is_not_known() -> None:
+    header = SimpleNamespace(abs_time=10**30, time_flags=0)
+    assert module._started_at(header) is None
+
+
+def test_a_group_with_its_times_in_another_group_has_those(path: Path) -> None:
+    path.write_bytes(damaged("nothing"))
+    with module._opened(path) as file:
+        (group,) = file.groups
+        remote = SimpleNamespace(
+            channel_group=SimpleNamespace(flags=module._REMOTE_MASTER, cg_master_index=0), channels=[]
+        )
+        file.mdf.groups.append(remote)
+        times = module._times(path, file.mdf, 1, N)
+        assert times is not None
+        assert group.times is not None
+        assert times.interval == group.times.interval == pytest.approx(1 / 2000)

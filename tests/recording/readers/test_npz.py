@@ -78,3 +78,31 @@ def test_members_that_are_no_arrays(path: Path) -> None:
         archive.writestr("a.npy", b"not an array")
     with pytest.raises(InputError, match="cannot be read as NPZ"):
         READER.read_header(path)
+
+
+@pytest.mark.parametrize(("version", "names"), [((1, 0), ["a"]), ((2, 0), ["a"]), ((3, 0), [])])
+def test_each_version_of_the_format_is_read_and_records_are_no_channels(
+    path: Path, version: tuple[int, int], names: list[str]
+) -> None:
+    values = X
+    if version == (3, 0):
+        values = np.zeros(40, dtype=[("\u03c4", "f8")])
+    member = io.BytesIO()
+    np.lib.format.write_array(member, values, version=version)
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("a.npy", member.getvalue())
+    np.savez(path.with_name("b.npz"), b=X)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("b.npy", zipfile.ZipFile(path.with_name("b.npz")).read("b.npy"))
+    assert [channel.name for channel in READER.read_header(path).channels] == [*names, "b"]
+    for name in names:
+        np.testing.assert_array_equal(READER.read(path, [name])[name], X)
+
+
+def test_a_shape_that_no_array_has_is_refused(path: Path) -> None:
+    member = io.BytesIO()
+    np.lib.format.write_array_header_1_0(member, {"descr": "<f8", "fortran_order": False, "shape": (-40,)})
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("torque.npy", member.getvalue() + X.tobytes())
+    with pytest.raises(InputError, match=r"'torque' declares the impossible shape \(-40,\)"):
+        READER.read_header(path)

@@ -72,3 +72,11 @@ def test_moments_and_attributes_of_pandas(path: Path) -> None:
     assert header.sample_rate == 1000.0
     assert header.channels[0].unit == "s"
     np.testing.assert_allclose(READER.read(path, ["stamp"])["stamp"], X * 1e-3, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("text", ["{", "[" * 100_000, "[1]", "3"])
+def test_attributes_that_are_no_object_are_none(path: Path, text: str) -> None:
+    schema = pa.schema([pa.field("torque", pa.float64())], metadata={"PANDAS_ATTRS": text})
+    pq.write_table(pa.table({"torque": X}, schema=schema), path)
+    header = READER.read_header(path)
+    assert (header.sample_rate, [channel.name for channel in header.channels]) == (None, ["torque"])

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import io
+import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -16,7 +19,10 @@ import pytest
 from tests.recording.readers.test_hostile import MAKERS
 
 from ballscrew.base.errors import InputError, InterruptedReadError
-from ballscrew.recording.readers import process, reader_for
+from ballscrew.base.units import NoDefinitionsError
+from ballscrew.recording.header import Header, RawChannel
+from ballscrew.recording.readers import process, reader_for, sandbox, server
+from ballscrew.recording.readers.server import SessionEndError
 
 needs_fork = pytest.mark.skipif(not process._CAN_FORK, reason="processes cannot be forked here")
 
@@ -259,3 +265,157 @@ def test_a_link_to_a_recording_is_followed_and_one_in_a_circle_refused(
     for name in ("circle", "device", "nowhere"):
         with pytest.raises(InputError, match=r"is a link that leads to no file|cannot be read"):
             read(tmp_path / name)
+
+
+def test_without_another_process_there_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise OSError(11, "Resource temporarily unavailable")
+
+    process.stop()
+    MAKERS["a.npz"](tmp_path / "a.npz")
+    monkeypatch.setattr(subprocess, "Popen", fail)
+    with pytest.raises(InputError, match=r"cannot be started \(Resource temporarily unavailable\)"):
+        read(tmp_path / "a.npz")
+
+
+@needs_fork
+@pytest.mark.parametrize("answer", [{}, {"arrays": []}])
+def test_an_answer_of_another_kind_is_no_header(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: dict[str, Any]
+) -> None:
+    MAKERS["a.npz"](tmp_path / "a.npz")
+    monkeypatch.setattr(process, "receive", lambda _: answer)
+    with pytest.raises(InterruptedReadError, match="ended from outside; try again"):
+        read(tmp_path / "a.npz")
+
+
+@needs_fork
+def test_samples_that_end_too_early_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    MAKERS["a.npz"](tmp_path / "a.npz")
+    received = process._array
+    monkeypatch.setattr(process, "_array", lambda _, *given: received(io.BytesIO(b"123"), *given))
+    with pytest.raises(InterruptedReadError, match="ended from outside; try again"):
+        read(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize(
+    ("kind", "content"), [("<f8", bytes(23)), ("<f8", b""), ("<i8", bytes(24)), ("|O", bytes(24))]
+)
+def test_only_whole_arrays_of_floats_are_received(kind: str, content: bytes) -> None:
+    samples = np.array([1.5, -2.0, np.inf])
+    source = io.BytesIO(samples.tobytes() + b"more")
+    found = process._array(source, Path("a.h5"), "x", "<f8", [3])
+    np.testing.assert_array_equal(found, samples)
+    assert source.read() == b"more"
+    with pytest.raises(SessionEndError):
+        process._array(io.BytesIO(content), Path("a.h5"), "x", kind, [3])
+
+
+def test_without_a_server_none_has_ended() -> None:
+    process.stop()
+    assert process._server_runs()
+
+
+def message(document: object) -> bytes:
+    content = json.dumps(document).encode()
+    return len(content).to_bytes(8, "little") + content
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", bytes(7), message({"a": 1})[:-1], message([1]), message(3), (1 << 62).to_bytes(8, "little")],
+)
+def test_what_is_no_message_ends_the_session(content: bytes) -> None:
+    assert server.receive(io.BytesIO(message({"a": 1}))) == {"a": 1}
+    with pytest.raises(SessionEndError):
+        server.receive(io.BytesIO(content))
+
+
+@pytest.fixture
+def unrestricted(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """A session in this process, which is not restricted; what it would have been restricted to."""
+    limits: list[Any] = []
+    monkeypatch.setattr(sandbox, "limit_resources", lambda *given: limits.append(given))
+    monkeypatch.setattr(sandbox, "allow_only", lambda descriptor: limits.append(os.fstat(descriptor).st_size))
+    monkeypatch.chdir(Path.cwd())
+    return limits
+
+
+def session(path: Path, names: list[str], **changes: Any) -> io.BytesIO:
+    """What a session answers to a request and to the names of channels."""
+    request = {"path": path.name, "folder": str(path.parent), "identity": server.identity(path)}
+    request |= {"memory": 1 << 30, "seconds": 5.0} | changes
+    sink = io.BytesIO()
+    server._session(io.BytesIO(message(request) + message({"names": names})), sink)
+    sink.seek(0)
+    return sink
+
+
+def test_a_session_sends_the_header_and_then_the_channels(tmp_path: Path, unrestricted: list[Any]) -> None:
+    path = tmp_path / "a.npz"
+    values = {"a": np.arange(40.0), "b": np.arange(20, dtype=np.float32)}
+    np.savez(path, **values, fs=1000)
+    sink = session(path, ["b", "a"])
+    assert unrestricted == [(1 << 30, 5.0), path.stat().st_size]
+    found = server.receive(sink)
+    assert (found["reader"], found["header"]["sample_rate"]) == ("npz", 1000.0)
+    arrays = server.receive(sink)["arrays"]
+    assert arrays == [["b", "<f4", [20]], ["a", "<f8", [40]]]
+    for name, kind, shape in arrays:
+        np.testing.assert_array_equal(process._array(sink, path, name, kind, shape), values[name])
+    assert sink.read() == b""
+
+
+@pytest.mark.usefixtures("unrestricted")
+def test_a_session_answers_with_a_sentence_or_asks_for_a_process_with_uncommon_units(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.npz"
+    np.savez(path, a=np.arange(40.0))
+    answer = server.receive(session(path, [], identity=[0, 0, 0, 0]))
+    assert answer == {"error": "a.npz: changed while it was read."}
+    sink = session(path, ["none"])
+    assert "header" in server.receive(sink)
+    assert "has no channel 'none'" in server.receive(sink)["error"]
+
+    def fail(*_: object) -> None:
+        raise NoDefinitionsError("the unit needs pint")
+
+    monkeypatch.setattr("ballscrew.recording.readers.npz.NpzReader.read_header", fail)
+    assert server.receive(session(path, [])) == {server.UNCOMMON_UNIT: True}
+    sink = io.BytesIO()
+    server._session(io.BytesIO(b""), sink)  # the other side has gone
+    assert sink.getvalue() == b""
+
+
+@pytest.mark.usefixtures("unrestricted")
+def test_what_a_reader_of_another_package_gives_is_sent_as_it_can_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numbers of NumPy in a header; for what is no array of floats, an array without a sample."""
+    path = tmp_path / "a.npz"
+    np.savez(path, a=np.arange(40.0))
+    header = Header((RawChannel("a", 3), RawChannel("b", 3)), np.float32(500.0), reader="acme")
+    given = {"a": np.arange(6.0)[::2], "b": [1, 2, 3]}
+    monkeypatch.setattr("ballscrew.recording.readers.npz.NpzReader.read_header", lambda *_: header)
+    monkeypatch.setattr("ballscrew.recording.readers.npz.NpzReader.read", lambda *_: given)
+    sink = session(path, ["a", "b"])
+    assert server.receive(sink)["header"]["sample_rate"] == 500.0
+    assert server.receive(sink)["arrays"] == [["a", "<f8", [3]], ["b", "<f8", []]]
+    np.testing.assert_array_equal(process._array(sink, path, "a", "<f8", [3]), [0.0, 2.0, 4.0])
+
+
+@needs_fork
+def test_the_signal_that_ended_a_reader_is_reported_on_its_socket(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended = {5: signal.SIGSEGV, 6: 0}
+    pairs = {number: socket.socketpair() for number in (5, 6, 7)}
+    sessions = {number: theirs for number, (_, theirs) in pairs.items()}
+    monkeypatch.setattr(os, "waitpid", lambda *_: ended.popitem() if ended else (0, 0))
+    server._reap(sessions)
+    assert list(sessions) == [7]
+    for number, expected in ((5, message({"signal": int(signal.SIGSEGV)})), (6, b"")):
+        with pairs[number][0] as ours:
+            ours.settimeout(60)
+            assert ours.makefile("rb").read() == expected
+    for each in pairs[7]:
+        each.close()

@@ -211,3 +211,25 @@ def test_a_changed_byte_is_a_recording_or_one_sentence(
     for position, byte in zip(places, values, strict=True):
         path.write_bytes(raw[:position] + bytes([byte]) + raw[position + 1 :])
         survives(path)
+
+
+def test_columns_of_a_profile_that_are_not_there(tmp_path: Path) -> None:
+    path = tmp_path / "a.txt"
+    path.write_text(KOLLMORGEN)
+    reader = profile.ProfileReader()
+    with pytest.raises(InputError, match=r"has no channel 'IL\.CMD'"):
+        reader.read(path, ["IL.FB", "IL.CMD"])
+    assert reader.read(path, []) == {}
+    path.write_text("a;b\n1;2\n")
+    with pytest.raises(InputError, match="does not begin as any profile states"):
+        reader.read_header(path)
+
+
+def test_a_file_without_the_names_that_its_profile_expects_is_refused(
+    tmp_path: Path, own: Callable[[str], None]
+) -> None:
+    own(OWN)
+    path = tmp_path / "a.csv"
+    path.write_text(FILE.replace("Iq;PosX;Load", ";;"))
+    with pytest.raises(InputError, match="has no names of columns where the profile axis-scope expects them"):
+        reader_for(path).read_header(path)

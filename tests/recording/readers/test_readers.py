@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import bz2
 import gzip
+import importlib.util
 import io
 import lzma
+import sys
 import zipfile
 from collections.abc import Sequence
 from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ballscrew import __version__
 from ballscrew.base.errors import InputError
 from ballscrew.recording import readers as module
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers import Reader, reader_for, readers
+from ballscrew.recording.readers.guard import refusing
 
 
 class GoodPlugin:
@@ -172,3 +177,45 @@ def test_text_is_read_whatever_its_name(tmp_path: Path) -> None:
     for name in ("a.dat", "a.bin", "a.xls", "a.lms"):
         (tmp_path / name).write_text("torque [Nm]\tpos [mm]\n1\t2\n")
         assert reader_for(tmp_path / name).name == "text"
+
+
+def test_the_version_of_a_reader_is_that_of_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    package = SimpleNamespace(name="acme-reader", version="1.2")
+    points = {"acme": [SimpleNamespace(dist=None), SimpleNamespace(dist=package)]}
+    monkeypatch.setattr(module, "entry_points", lambda group, name: points.get(name, []) if group else [])
+    assert module.version_of("npz") == f"ballscrew {__version__}"
+    assert module.version_of("acme") == "acme-reader 1.2"
+    assert module.version_of("none") == ""
+
+
+def test_a_reader_that_wants_more_memory_than_there_is_is_a_sentence() -> None:
+    with (
+        pytest.raises(InputError, match=r"^a\.h5: declares more data than this machine's memory can hold\.$"),
+        refusing(Path("a.h5"), "HDF5"),
+    ):
+        raise MemoryError
+
+
+@pytest.mark.parametrize(
+    ("name", "library", "reader", "head"),
+    [
+        ("mdf4", "asammdf", "Mdf4Reader", b"MDF     4"),
+        ("parquet", "pyarrow", "ParquetReader", b"PAR1"),
+        ("tdms", "nptdms", "TdmsReader", b"TDSm"),
+    ],
+)
+def test_a_reader_whose_library_is_not_installed_is_there_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, library: str, reader: str, head: bytes
+) -> None:
+    spec = importlib.util.find_spec(f"ballscrew.recording.readers.{name}")
+    assert spec is not None
+    assert spec.loader is not None
+    monkeypatch.setitem(sys.modules, library, None)
+    fresh = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, spec.name, fresh)
+    spec.loader.exec_module(fresh)
+    (tmp_path / "a").write_bytes(head)
+    found = getattr(fresh, reader)()
+    assert found.can_open(tmp_path / "a", head)
+    with pytest.raises(InputError, match=rf"ballscrew\[{name}\]"):
+        found.read_header(tmp_path / "a")

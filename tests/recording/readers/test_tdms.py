@@ -137,3 +137,28 @@ def test_files_of_labview(data: Path) -> None:
         x = READER.read(path, [channel.name])[channel.name]
         assert (channel.name, x.size, channel.unit) == expected[:3]
         assert (channel.sample_rate, x[0], x[-1]) == pytest.approx(expected[3:], rel=1e-9)
+
+
+class Channel:
+    """As npTDMS gives one."""
+
+    name = "a"
+
+    def __init__(self, values: np.ndarray, declared: int) -> None:
+        self.values, self.declared = values, declared
+
+    def __len__(self) -> int:
+        return self.declared
+
+    def read_data(self) -> np.ndarray:
+        return self.values
+
+
+def test_time_stamps_are_seconds_since_the_first() -> None:
+    stamps = np.datetime64("2026-01-31T08:00:00", "us") + np.array([0, 500, 1_000_000], dtype="m8[us]")
+    np.testing.assert_allclose(module._values(Channel(stamps, 3)), [0.0, 5e-4, 1.0], rtol=1e-12)
+
+
+def test_a_channel_with_fewer_samples_than_declared_is_refused() -> None:
+    with pytest.raises(ValueError, match="'a' has 2 of 3 samples"):
+        module._values(Channel(np.zeros(2), 3))

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from ballscrew.base.errors import InputError
 from ballscrew.recording.readers import reader_for
+from ballscrew.recording.readers.labels import split_label
 from ballscrew.recording.readers.text import TextReader
 
 READER = TextReader()
@@ -204,3 +205,35 @@ def test_what_is_written_is_read(
     path.write_text("one" + delimiter + "two" + delimiter + "three\n" + "\n".join(lines) + "\n")
     read = READER.read(path, ["one", "two", "three"])
     np.testing.assert_array_equal(np.array(list(read.values())).T, np.array(values))
+
+
+def test_a_column_that_is_not_there_and_no_column(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(DIALECTS["comma"][0])
+    with pytest.raises(InputError, match="has no channel 'c'"):
+        READER.read(path, ["a", "c"])
+    assert READER.read(path, []) == {}
+
+
+@pytest.mark.parametrize(
+    ("titles", "names"),
+    [
+        ("a;b;", ["a", "b"]),
+        ('"""a""";b', ["a", "b"]),
+        ("x;x_2;x", ["x", "x_2", "x_3"]),
+        ("x;x;x", ["x", "x_2", "x_3"]),
+        ("x_2;x;x", ["x_2", "x", "x_3"]),
+    ],
+)
+def test_titles_are_names_without_quotes_and_never_twice(
+    tmp_path: Path, titles: str, names: list[str]
+) -> None:
+    path = tmp_path / "a.csv"
+    row = ";".join(["{0}"] * len(names))
+    path.write_text(f"{titles}\n{rows(row)}")
+    assert [channel.name for channel in READER.read_header(path).channels] == names
+
+
+def test_a_long_label_has_no_unit() -> None:
+    assert split_label(" a [mm] ") == ("a", "mm")
+    assert split_label(" " + "a" * 300 + " [mm] ") == ("a" * 300 + " [mm]", None)

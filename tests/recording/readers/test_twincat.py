@@ -224,3 +224,18 @@ def test_real_exports(data: Path) -> None:
         assert channels["func_freesample"].start == 0.0
         assert channels["var_REAL64"].start == pytest.approx(0.003)
         np.testing.assert_array_equal(values["func_freesample"][1:], np.arange(2, 1000, 5.0))
+
+
+def test_a_start_that_no_calendar_has_is_not_known(path: Path) -> None:
+    path.write_text(scope(ROWS).replace(str(START), "9" * 19))
+    header = TwinCatReader().read_header(path)
+    assert (header.started_at, len(header.channels)) == (None, 3)
+
+
+def test_a_channel_that_is_not_there_and_another_file(path: Path) -> None:
+    path.write_text(scope(ROWS))
+    with pytest.raises(InputError, match="has no channel 'speed 2'"):
+        TwinCatReader().read(path, ["speed", "speed 2"])
+    path.write_text("a;b\n1;2\n")
+    with pytest.raises(InputError, match="does not begin as an export of TwinCAT Scope"):
+        TwinCatReader().read_header(path)

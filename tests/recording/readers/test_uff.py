@@ -158,3 +158,34 @@ def test_files_of_measuring_systems(data: Path) -> None:
         x = READER.read(path, [channel.name])[channel.name]
         found = (channel.name, channel.size, channel.unit, channel.sample_rate, x[0], x[-1])
         assert found == (*expected[:3], *(pytest.approx(value, rel=1e-6) for value in expected[3:]))
+
+
+def test_a_function_whose_header_is_cut_is_refused(path: Path) -> None:
+    lines = function(X).splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:8] + lines[-1:] + lines))
+    with pytest.raises(InputError, match="the header of a function is cut"):
+        READER.read_header(path)
+
+
+@pytest.mark.parametrize(
+    ("unit", "rate"), [("ms", 1e6), ("min", 1000 / 60), ("parsec", 1000.0), ("", 1000.0)]
+)
+def test_a_unit_of_time_that_is_not_understood_is_the_second(path: Path, unit: str, rate: float) -> None:
+    abscissa = f"        17    0    0    0 Time                 {unit:20}"
+    path.write_bytes(function(X, abscissa=abscissa))
+    assert READER.read_header(path).channels[0].sample_rate == pytest.approx(rate)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (b"31-Jan-69 08:00:00", "1969-01-31T08:00:00"),
+        (b"31-Jan-68 08:00:00", "2068-01-31T08:00:00"),
+        (b"31-Feb-26 08:00:00", None),
+        (b"31-Jux-26 08:00:00", None),
+        (b"NONE", None),
+    ],
+)
+def test_a_start_that_is_no_time_is_not_known(path: Path, text: bytes, expected: str | None) -> None:
+    path.write_bytes(function(X).replace(b"31-Jan-26 08:00:00", text))
+    assert READER.read_header(path).started_at == expected

@@ -123,3 +123,13 @@ def test_a_channel_that_is_not_there(path: Path) -> None:
     path.write_bytes(sound(b"\0\0" * 9))
     with pytest.raises(InputError, match="has no channel 'channel 2'"):
         READER.read(path, ["channel 2"])
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [(b"2026-01-3108:00:00", "2026-01-31T08:00:00"), (b"2026-02-3108:00:00", None), (b"", None)],
+)
+def test_a_start_that_is_no_time_is_not_known(path: Path, text: bytes, expected: str | None) -> None:
+    bext = chunk(b"bext", bytes(320) + text.ljust(18, b"\0") + bytes(264))
+    path.write_bytes(sound(b"\0\0" * 9, more=bext))
+    assert READER.read_header(path).started_at == expected
