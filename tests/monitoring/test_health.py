@@ -577,3 +577,43 @@ def test_the_doubt_of_a_baseline_without_wear_widens_no_interval() -> None:
         low, high = run.stiffness.interval
         assert low < 1 < high
         assert high - low < 0.035
+
+
+def test_a_history_of_refused_runs_has_no_chart_and_no_stage() -> None:
+    runs = history(range(3), quality=Quality("bad", ("clipped",)))
+    found = assess(runs)
+    assert [run.state for run in found.runs] == ["suspect"] * 3
+    assert {run.reading.verdict for run in found.runs} == {"refused"}
+    assert (found.stage, found.causes, found.alarm_at) == (None, (), None)
+    assert not found.stiffer
+
+
+def test_a_suspect_run_before_the_first_good_one_is_suspect_by_itself() -> None:
+    first, *others = history(range(6))
+    found = assess([replace(first, quality=Quality("suspect", ("torque hums",))), *others])
+    assert (found.runs[0].state, found.runs[0].reading.reasons) == ("suspect", ("torque hums",))
+    assert found.epochs[0].reference == others[0].id
+
+
+def test_a_run_without_a_common_cell_is_suspect() -> None:
+    *runs, newest = history(range(6))
+    cells = tuple(replace(cell, motion=1) for cell in newest.cells)
+    found = assess([*runs, replace(newest, cells=cells)])
+    assert found.runs[-1].state == "suspect"
+    assert found.runs[-1].reading.reasons == (
+        "it has no cell with a frequency in common with the epoch's reference",
+    )
+
+
+def test_lost_motion_without_an_uncertainty_is_no_backlash() -> None:
+    def moved(run: Run, uncertainty: float) -> Run:
+        return replace(run, lost_motion=(LostMotion(0.1, 1e-6, uncertainty, 1),))
+
+    for uncertainty, known in ((math.nan, False), (3e-8, True)):
+        found = assess([moved(run, uncertainty) for run in history(range(5))])
+        assert math.isfinite(found.runs[-1].reading.backlash) == known
+
+
+def test_one_run_shows_no_trend() -> None:
+    chart = chart_of(*(np.array([value]) for value in (0.0, 0.0, 1e-3, math.nan)), (), FEW, 0.0)
+    assert trend_evidence(chart) == (0.0, "there are too few runs for a trend")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -68,3 +69,26 @@ def test_wrong_kinds_are_refused(document: dict[str, Any], where: tuple[Any, ...
     inner[where[-1]] = value
     with pytest.raises(InputError):
         HealthState.from_json(wrong, "M.json")
+
+
+def test_a_state_that_was_read_back_has_no_charts(document: dict[str, Any]) -> None:
+    runs = history(range(8), lambda day: 1.0 if day < 4 else 1.5)
+    found = health_state(runs, calibrated(), settings=MonitorSettings(draws=1000))
+    assert found.stiffer
+    assert not HealthState.from_json(found.to_json()).stiffer
+    assert not HealthState.from_json(document).stiffer
+
+
+def test_a_loss_while_learning_is_that_of_an_unfinished_baseline_alone() -> None:
+    settings = MonitorSettings(draws=1000)
+    runs = history(range(6), lambda day: 1 - 0.1 * day)
+    learning = health_state(runs[:2], calibrated(), settings=settings)
+    assert learning.state == "learning"
+    assert learning.loss_while_learning == pytest.approx(0.1, abs=0.02)
+    assert health_state(runs, calibrated(), settings=settings).loss_while_learning is None
+
+
+def test_what_is_due_follows_from_the_state() -> None:
+    found = health_state(history(range(6)), calibrated(), settings=MonitorSettings(draws=1000))
+    due = [replace(found, state=state).urgency for state in ("normal", "watch", "alarm")]
+    assert due == ["none", "repeat", "plan"]

@@ -152,3 +152,12 @@ def test_a_prognosis_of_an_earlier_version_is_read(prognosis):
     old = {key: value for key, value in prognosis[1]["prognosis"].items() if key not in ADDED}
     assert Prognosis.from_json(old).rul_revolutions == {}
     assert Prognosis.from_json(old).rul_days[0.5] == pytest.approx(prognosis[0].rul_days[0.5])
+
+
+def test_a_field_that_no_table_has_is_one_sentence(tmp_path):
+    file = write(tmp_path, "2026-01-01,1,1", f"2026-01-02,2,{'2' * 200_000}")
+    with pytest.raises(
+        InputError, match=r"^duty\.csv: line 3 is no CSV \(field larger than field limit"
+    ) as error:
+        read_duty(file)
+    assert "\n" not in str(error.value)

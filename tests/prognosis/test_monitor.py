@@ -162,3 +162,13 @@ def test_a_run_given_twice_counts_once():
 def test_the_evidence_on_temperature_without_temperatures(result):
     cause = next(cause for cause in result.state.causes if cause.cause == "temperature")
     assert cause.evidence == "unclear: no run has a temperature"
+
+
+def test_the_text_names_a_newest_run_that_was_set_aside():
+    runs = history(range(8))
+    found = monitor(runs, calibrated())
+    assert "<Monitored> bench: normal" in str(found).splitlines()[0]
+    (odd,) = history((9.0,), seed=5)
+    found = monitor([*runs, replace(odd, mass_kg=130.0)], calibrated())
+    assert found.state.runs[-1].state == "suspect"
+    assert "before the newest run, which was set aside" in str(found).splitlines()[0]

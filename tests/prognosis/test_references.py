@@ -106,3 +106,27 @@ def test_friction_replaces_the_level(model: LifeModel) -> None:
     force = 100 * np.exp(-0.004 * days) + np.random.default_rng(1).standard_normal(60)
     result = model.forecast(preload_history(days, friction=force, friction_uncertainty=1.0), HALF)
     assert result.quantile(0.5) == pytest.approx(math.log(2) / 0.004 - 59, rel=0.4)
+
+
+@pytest.mark.parametrize("model", [WienerProcess(), ExponentialFilter()])
+def test_the_effect_of_the_temperature_is_no_wear(model: LifeModel) -> None:
+    """The last runs are 8 K warmer, and softer by the warmth."""
+    days = np.arange(60.0)
+    warmer, noise = 8.0 * (days > 45), 1e-3 * np.random.default_rng(1).standard_normal(60)
+    level = np.exp(0.004 * days / 3) - 1 + noise
+    lives = {}
+    for effect in (0.0, 2e-3):
+        for name, temperature in (("known", warmer), ("unknown", np.full(60, np.nan))):
+            history = preload_history(days, level + effect * warmer, 1e-3, temperature=temperature)
+            lives[name, effect] = float(model.forecast(history, HALF).quantile(0.5))
+    assert lives["known", 2e-3] == pytest.approx(lives["known", 0.0], rel=0.03)
+    assert lives["unknown", 2e-3] < 0.85 * lives["unknown", 0.0]
+
+
+def test_few_runs_scatter_as_they_state() -> None:
+    days, level = np.arange(4.0), np.array([0.0, 0.02, 0.04, 0.06])
+    sure, unsure = (
+        ExponentialFilter().forecast(preload_history(days, level, spread), HALF).quantile([0.05, 0.95])
+        for spread in (1e-4, 1e-2)
+    )
+    assert np.ptp(np.log(unsure)) > 1.2 * np.ptp(np.log(sure))

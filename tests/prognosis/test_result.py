@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from tests.prognosis.lives import QUICK, healthy, made
 
 from ballscrew.base.errors import InputError
+from ballscrew.prognosis.duty import EpochDuty
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import Forecast
 from ballscrew.prognosis.result import Prognosis
@@ -145,3 +146,36 @@ def test_hostile_documents_never_end_in_a_traceback(key: str, value: object) -> 
 def test_a_list_is_refused() -> None:
     with pytest.raises(InputError, match="is not a prognosis"):
         Prognosis.from_json([])  # type: ignore[arg-type]
+
+
+def counted(days: np.ndarray) -> Prognosis:
+    """Prognosis with a travel of 4 km and 100 revolutions a day."""
+    fan = np.zeros(1), np.full((1, 9), 0.5)
+    forecast = Forecast(5.0, np.sort(days), 60.0, "preload", "x", *fan, "made", begun=1.0)
+    counter = EpochDuty(np.array([0.0, 40.0]), np.array([0.0, 4000.0]), 20.0)
+    return prognosis_of(forecast, NEW, duty=4000.0, counters={"revolutions": counter})
+
+
+def test_an_open_end_is_open_in_travel_and_in_revolutions_too() -> None:
+    days = np.linspace(10.0, 20.0, 100)
+    ends = counted(days)
+    assert any(line.startswith("In travel, at 4000 m a day: not before 4") for line in ends.statement)
+    assert not any("open" in line for line in ends.statement[2:])
+    half = counted(np.where(days > 17, math.inf, days))
+    (travel,) = (line for line in half.statement if line.startswith("In travel"))
+    (turns,) = (line for line in half.statement if line.startswith("In revolutions of the screw"))
+    assert travel.endswith("km in the median; the latest end is open.")
+    assert turns.endswith(" in the median; the latest end is open.")
+    assert half.rul_days[0.95] is None
+    rarely = counted(np.where(days > 12, math.inf, days))
+    assert rarely.rul_days[0.05] is not None
+    assert rarely.rul_days[0.5] is None
+    for beginning in ("In travel", "In revolutions"):
+        assert not any(line.startswith(beginning) for line in rarely.statement)
+
+
+def test_runs_of_one_day_and_of_several_are_worded() -> None:
+    for last, words in ((0.2, "within a day"), (1.0, "in one day"), (3.0, "in 3 days")):
+        fan = np.zeros(1), np.full((1, 9), 0.5)
+        forecast = Forecast(last, np.ones(100), 60.0, "preload", "x", *fan, "made", begun=1.0)
+        assert f" {words} are used" in prognosis_of(forecast, NEW).assumptions[1]

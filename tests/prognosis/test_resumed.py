@@ -17,9 +17,10 @@ from tests.estimation.made_runs import LOAD, calibrated
 from tests.monitoring.histories import at, history, unloading, worn
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.exactfile import to_bytes
 from ballscrew.modal.amend import amend
 from ballscrew.modal.run import Run
-from ballscrew.monitoring.checkpoint import Checkpoint, checkpoint_before
+from ballscrew.monitoring.checkpoint import Checkpoint, _hash_of, checkpoint_before
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Event
 from ballscrew.prognosis.families import FAMILIES
@@ -187,3 +188,23 @@ def test_what_is_stored_beside_the_rows_does_not_grow() -> None:
         bare = replace(found.checkpoint, history=replace(found.checkpoint.history, epochs=tuple(epochs)))
         sizes.append(len(zlib.decompress(bare.to_bytes().split(b"\n", 2)[2])))
     assert sizes[1] < 1.05 * sizes[0]
+
+
+def test_runs_by_another_method_than_those_of_the_checkpoint_are_refused() -> None:
+    runs = history(range(5))
+    known = judged(runs[:4], ())
+    assert known.checkpoint is not None
+    cells = tuple(replace(cell, method="paper") for cell in runs[4].cells)
+    with pytest.raises(InputError, match="by method paper, those of the checkpoint by method joint"):
+        judged([replace(runs[4], cells=cells)], (), known.checkpoint)
+
+
+def test_a_document_of_another_kind_is_no_checkpoint() -> None:
+    runs = history(range(5))
+    found = judged(runs, ())
+    assert found.checkpoint is not None
+    head, _, _ = found.checkpoint.to_bytes().partition(b"\n")
+    content = to_bytes(found.state.runs[0].reading, {})
+    data = head + b"\n" + _hash_of(content) + b"\n" + content
+    with pytest.raises(InputError, match="the checkpoint: is no checkpoint of ballscrew"):
+        Checkpoint.from_bytes(data)

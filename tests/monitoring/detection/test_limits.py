@@ -298,3 +298,12 @@ def test_a_bearing_that_settles_within_its_prior_is_no_alarm_and_beyond_it_is() 
         assert ("alarm" in found.states) is alarms
         # The stiffness contains the drift: it is relative to the baseline as measured.
         assert len(found.coefficients) == 1
+
+
+@pytest.mark.parametrize(("rate", "valid"), [(0.0, True), (0.5, False), (0.99, False), (1.0, True)])
+def test_a_rate_of_repeats_is_zero_or_one_or_more(rate: float, valid: bool) -> None:
+    if valid:
+        assert MonitorSettings(repeats_per_year=rate).repeats_per_year == rate
+    else:
+        with pytest.raises(InputError, match=f"repeats_per_year is {rate:g}; it must be 0, or 1 or more"):
+            MonitorSettings(repeats_per_year=rate)
