@@ -609,8 +609,8 @@ def test_lost_motion_without_an_uncertainty_is_no_backlash() -> None:
     def moved(run: Run, uncertainty: float) -> Run:
         return replace(run, lost_motion=(LostMotion(0.1, 1e-6, uncertainty, 1),))
 
-    for uncertainty, known in ((math.nan, False), (3e-8, True)):
-        found = assess([moved(run, uncertainty) for run in history(range(5))])
+    for uncertainty, known in ((math.nan, False), (0.0, False), (3e-8, True)):
+        found = assess([moved(run, uncertainty) for run in history(range(5), scatter=0.0)])
         assert math.isfinite(found.runs[-1].reading.backlash) == known
 
 

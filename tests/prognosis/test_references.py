@@ -10,7 +10,7 @@ from scipy.stats import invgauss, kstest
 from tests.prognosis.lives import QUICK, healthy, made
 
 from ballscrew.base.errors import InputError
-from ballscrew.prognosis.exponential import ExponentialFilter
+from ballscrew.prognosis.exponential import ExponentialFilter, _scatter
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import LifeModel
 from ballscrew.prognosis.preload_history import PreloadHistory, preload_history
@@ -124,9 +124,7 @@ def test_the_effect_of_the_temperature_is_no_wear(model: LifeModel) -> None:
 
 
 def test_few_runs_scatter_as_they_state() -> None:
-    days, level = np.arange(4.0), np.array([0.0, 0.02, 0.04, 0.06])
-    sure, unsure = (
-        ExponentialFilter().forecast(preload_history(days, level, spread), HALF).quantile([0.05, 0.95])
-        for spread in (1e-4, 1e-2)
-    )
-    assert np.ptp(np.log(unsure)) > 1.2 * np.ptp(np.log(sure))
+    """Two second differences do not show a scatter."""
+    assert _scatter(np.array([0.0, 9.0, 0.0, 9.0])) == 1.0
+    assert _scatter(np.array([0.0, 9.0, 0.0, 9.0, 0.0])) > 9.0
+    assert _scatter(np.random.default_rng(1).standard_normal(2000)) == pytest.approx(1.0, abs=0.05)
