@@ -7,7 +7,7 @@ import xarray as xr
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import FileRef
 from ballscrew.recording import aligned
-from ballscrew.recording.aligned import align
+from ballscrew.recording.aligned import _from, align
 from ballscrew.recording.filters import Filter
 from ballscrew.recording.recording import Recording
 
@@ -223,3 +223,13 @@ def test_a_speed_that_is_the_only_response_is_resampled_once(monkeypatch):
     monkeypatch.setattr(aligned, "_from", lambda x, rate, *_: rates.append(rate) or x)
     align(with_speed(4000, 250, 1e-3, 1e-6))
     assert sorted(rates) == [250.0, 4000.0, 4000.0]  # position, torque, speed
+
+
+def test_a_missing_sample_stays_missing_and_the_others_are_interpolated():
+    x = np.arange(100.0)
+    x[50] = np.nan
+    found = _from(x, 1000.0, 1500.0, 0.0)
+    rows = np.arange(found.size) / 1.5
+    touched = np.abs(rows - 50) < 1
+    assert np.isnan(found[touched]).all()
+    np.testing.assert_allclose(found[~touched], rows[~touched], atol=1e-12)

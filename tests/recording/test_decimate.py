@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballscrew.base.errors import InputError
-from ballscrew.recording.decimate import decimator
+from ballscrew.recording.decimate import _filter, decimator
 
 RATE, TOP = 12800.0, 600.0
 
@@ -100,3 +100,13 @@ def test_single_precision_and_every_other_sample():
     x = np.random.default_rng(0).normal(size=8000)
     np.testing.assert_array_equal(thin([x[::2]], 5, 3000), thin([x[::2].copy()], 5, 3000))
     np.testing.assert_allclose(thin([x.astype(np.float32)], 5, 3000), thin([x], 5, 3000), atol=1e-6)
+
+
+@pytest.mark.parametrize("first", [0, 100, 880])
+def test_the_loop_that_is_compiled_is_a_convolution_of_the_signal_continued_by_its_ends(first):
+    taps = np.array([1.0, 2.0, 3.0, 2.0, 1.0]) / 9
+    line = 0.5 + 1e-6 * np.random.default_rng(2).normal(size=900)
+    out = np.empty(5)
+    _filter(line, first, taps, 4, out)
+    want = np.convolve(np.pad(line, 2, mode="edge"), taps, mode="valid")[first:900:4][:5]
+    np.testing.assert_allclose(out, want, rtol=0, atol=1e-15)

@@ -136,3 +136,19 @@ def test_currents_of_the_bench_make_its_torque(bench):
         assert got.drive == DriveInput("current", sources, commutation)
         # The noise of torque and currents; 1.5 % of the torque.
         assert np.std(0.45 * got.input - torque) < 0.007
+
+
+@pytest.mark.parametrize("turns", [TURNS, None])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_of_a_position_that_is_missing_somewhere_no_current_is_known(turns, value):
+    """The quality gate reports it."""
+    position = POSITION.copy()
+    position[len(position) // 2] = value
+    assert np.isnan(q_current(phases(), position, RATE, turns, "trip1.h5")).all()
+
+
+def test_a_position_that_no_axis_has_determines_no_angle():
+    position = POSITION.copy()
+    position[100:102] = -1.7e308, 1.7e308  # whose difference is no number
+    with np.errstate(all="ignore"), pytest.raises(MeasurementError, match="trip1"):
+        q_current(phases(), position, RATE, None, "trip1.h5")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from ballscrew.base.errors import InputError
 from ballscrew.recording.channels import Channel, ChannelMap, read_channels
-from ballscrew.recording.convert import rate_from_time, second_derivative
+from ballscrew.recording.convert import _check_values, rate_from_time, second_derivative
 from ballscrew.recording.load import read_recording
 
 N = 200
@@ -203,3 +203,18 @@ def test_the_real_drive(emps: Path) -> None:
     assert list(recording.channels) == ["force", "position", "acceleration:motor:x"]
     assert (recording.sample_rate, recording.file_rate) == (1000.0, None)
     assert recording.array("force")[0] == pytest.approx(35.15065188248547 * 2.53862809, rel=1e-6)
+
+
+def test_of_many_channels_the_first_are_listed_and_how_many_more_there_are(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", **{f"x{number:02}": np.zeros(100) for number in range(40)})
+    channels = ChannelMap.from_settings({"channel": [{"source": "y", "quantity": "torque", "unit": "N m"}]})
+    with pytest.raises(InputError, match=r"has no channel 'y' .* it has x00, .*, x29 and 10 more\.$"):
+        read_recording(tmp_path / "a.npz", channels)
+
+
+@pytest.mark.parametrize("values", [[1.0] * 100, np.zeros((10, 10)), np.zeros(100, dtype=int), np.zeros(())])
+def test_what_a_reader_of_another_package_gives_is_checked(values: object) -> None:
+    with pytest.raises(
+        InputError, match=r"a\.h5: the reader gave no row of numbers for the channel 'torque'"
+    ):
+        _check_values(Path("a.h5"), "torque", values)

@@ -10,13 +10,18 @@ import numpy as np
 import pytest
 import xarray as xr
 from tests.recording.synthetic import LOAD, PLAN, SHEET, synthetic_trip, write_trip
+from tests.recording.test_encoder import moves
 
 from ballscrew.axis.model import rotor_mass
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import InputError, MeasurementError
 from ballscrew.base.provenance import hash_file
 from ballscrew.fcft.cells import cells
+from ballscrew.recording import measure as measure_module
+from ballscrew.recording.aligned import align
 from ballscrew.recording.channels import ChannelMap
-from ballscrew.recording.measure import measure
+from ballscrew.recording.load import read_recording
+from ballscrew.recording.measure import _without_encoder_error, measure
+from ballscrew.recording.quality.finding import Finding
 
 RATE = 6400.0
 CHANNELS = ChannelMap.from_settings(
@@ -251,3 +256,52 @@ def test_an_axis_that_stands(tmp_path):
     assert got.quality.verdict != "good"
     assert got.rigid_body is None
     assert got.reasons
+
+
+def test_a_file_without_a_channel_map_is_refused(files):
+    with pytest.raises(
+        InputError, match=r"trip1\.h5: no channel map is given \(channels\), which a file req"
+    ):
+        measure(files[:1], None)
+
+
+def test_recordings_of_other_responses_are_not_of_one_run(files):
+    fewer = ChannelMap.from_settings({"channel": CHANNELS.to_settings()["channel"][:3]})
+    first, second = read_recording(files[0], CHANNELS), read_recording(files[1], fewer)
+    with pytest.raises(InputError, match=r"trip2\.h5: does not belong to one run .* they must be the same"):
+        measure([first, second], None, **KNOWN)
+
+
+def test_a_fit_that_too_little_motion_determines_is_a_reason(files, monkeypatch):
+    def fail(*_):
+        raise MeasurementError("the axis does not move enough to separate its mass from its friction")
+
+    monkeypatch.setattr(measure_module, "estimate_rigid_body", fail)
+    found = measure(files, CHANNELS, **KNOWN)
+    assert found.rigid_body is None
+    assert found.reasons == ("the axis does not move enough to separate its mass from its friction",)
+
+
+def test_a_rate_that_is_known_to_be_wrong_is_not_found_wrong_by_the_clock_again(monkeypatch):
+    clock, finding = object(), Finding("suspect", "clock", "the clock is wrong")
+    monkeypatch.setattr(measure_module, "estimate_clock", lambda _: clock)
+    monkeypatch.setattr(measure_module, "check_clock", lambda *_: [finding])
+    assert measure_module._clock([], RATE, []) == (clock, [finding])
+    assert measure_module._clock([], RATE, [Finding("suspect", "rate", "the rate is wrong")]) == (clock, [])
+
+
+def test_the_error_of_an_encoder_is_removed_from_the_position_and_what_is_derived_from_it(files):
+    aligned = align(read_recording(files[0], CHANNELS))
+    true = moves()
+    error = 1e-6 * np.sin(2 * np.pi * true / 20e-6)
+    rate = 8000.0
+    derived = np.zeros((2, len(true)))
+    derived[:, 1:-1] = np.diff(true + error, 2) * rate**2
+    wrong = replace(aligned, position=true + error, rate=rate, response=derived)
+    found = _without_encoder_error(wrong, (True, False))
+    assert np.std(found.position - true) < 0.05 * np.std(error)
+    np.testing.assert_array_equal(found.response[1], derived[1])
+    own = np.diff(found.position, 2) * rate**2
+    np.testing.assert_allclose(found.response[0, 1:-1], own, atol=1e-6)
+    right = replace(wrong, position=true)
+    assert _without_encoder_error(right, (True, False)) is right

@@ -9,11 +9,13 @@ from tests.modal.plant import MOTION, Plant, trip, way
 
 from ballscrew.base.errors import MeasurementError
 from ballscrew.fcft.plan import Motion
+from ballscrew.recording import rigid_body
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases
 from ballscrew.recording.rigid_body import (
     CHECK_RANGE,
     NormalEquations,
+    _jackknife,
     estimate_rigid_body,
     normal_equations,
     solve,
@@ -231,3 +233,31 @@ def test_transients_alone_would_be_biased():
     """The whole moving record is used, not the accelerations alone: so the friction is known as well."""
     body = fit(replace(RIGID, coulomb=60.0), way(trip([0.0, 0.06, 0.12]), RATE, MOTION))
     assert body.equivalent_mass == pytest.approx(RIGID.mass, rel=0.01)
+
+
+def test_a_group_without_which_nothing_is_determined_leaves_no_jackknife():
+    """Of two groups that each have half of what is needed."""
+    aligned = RIGID.run(MOVE, 0)
+    motion = kinematics(aligned.position, aligned.rate)
+    sums = normal_equations(motion, aligned.input, find_phases(motion))
+    forth = [phase.condition.direction > 0 for phase in find_phases(motion)]
+    assert _jackknife(sums, [number % 2 for number in range(len(sums))]) is not None
+    assert _jackknife(sums, forth) is None
+    assert _jackknife(sums, ["one"] * len(sums)) is None
+
+
+def test_without_motion_for_more_models_of_friction_the_four_parameters_are_estimated(monkeypatch):
+    force = RIGID.run(MOVE, 0).input
+    before = estimate(force, force)
+    solve_four = rigid_body.solve
+
+    def refuse(sums, *terms):
+        if terms:
+            raise MeasurementError("too little motion")
+        return solve_four(sums)
+
+    monkeypatch.setattr(rigid_body, "solve", refuse)
+    after = estimate(force, force)
+    assert after.equivalent_mass == before.equivalent_mass
+    assert after.uncertainty[0] <= before.uncertainty[0]
+    assert after.repeatability[0] >= before.repeatability[0]

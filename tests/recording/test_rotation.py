@@ -10,7 +10,7 @@ from tests.recording.synthetic import recorded, synthetic_trip
 from ballscrew.recording.aligned import align
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases
-from ballscrew.recording.rotation import rotating_modes, rotation_sums, table_rotations
+from ballscrew.recording.rotation import _Lines, _mode, rotating_modes, rotation_sums, table_rotations
 
 RATE = 12800.0
 TRIP = recorded(synthetic_trip())
@@ -66,3 +66,32 @@ def test_without_two_sensors_across_nothing_is_known():
     assert sums(TRIP) == {}
     assert table_rotations([{}], [120.0]) == ()
     assert rotating_modes([{}], [120.0]) == [None]
+
+
+FREQUENCY = np.arange(60.0, 400.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("mode", "slope", "size", "found"),
+    [
+        (200.0, 1.0, 0.3, True),
+        (1000.0, 1.0, 0.3, False),  # beyond the lines
+        (200.0, -1.0, 0.3, False),  # no mode: the ratio decreases everywhere
+        (200.0, 1.0, 1e-4, False),  # the table does not rotate
+    ],
+)
+def test_only_a_mode_among_the_lines_of_which_the_table_rotates_is_one(mode, slope, size, found):
+    x = FREQUENCY / mode
+    ratio = size / (1 + 2j * 0.03 * x - slope * x**2)
+    lines = _Lines(FREQUENCY, np.ones_like(x), ratio, 2.0)
+    result = _mode(lines)
+    assert (result is not None) is found
+    if result is not None:
+        assert result[:2] == pytest.approx((200.0, 0.03), rel=1e-3)
+
+
+def test_lines_that_no_mode_explains_have_none():
+    x = FREQUENCY / 200.0
+    noise = np.random.default_rng(0).standard_normal((2, len(x)))
+    ratio = 0.3 / (1 + 0.06j * x - x**2) + 3 * (noise[0] + 1j * noise[1])
+    assert _mode(_Lines(FREQUENCY, np.ones_like(x), ratio, 2.0)) is None

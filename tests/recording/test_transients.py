@@ -11,7 +11,7 @@ from ballscrew.fcft.cells import cells
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases
-from ballscrew.recording.transients import cut, label
+from ballscrew.recording.transients import _hash, cut, label
 
 RATE = 4000
 STOPS = (0.0, 0.06, 0.12, 0.18)
@@ -186,3 +186,10 @@ def test_a_table_of_thinned_segments_says_its_rate():
     assert table.attrs["sample_rate"] == RATE / 5
     assert table.attrs["step"] == 5
     assert float(table["start_s"][0]) == pytest.approx(phases[0].start / RATE)
+
+
+def test_signals_that_are_equal_have_one_hash_and_constant_ones_none():
+    x = np.random.default_rng(0).normal(size=100)
+    assert _hash(x) == _hash(x.copy()) != _hash(x[::-1])
+    assert len(_hash(x)) == 64
+    assert _hash(np.zeros(0)) == _hash(np.full(100, 0.5)) == ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import tomllib
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -16,8 +17,10 @@ from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import read_plan
 from ballscrew.fcft.schedule import trip_time
+from ballscrew.recording.channels import ChannelMap
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
-from ballscrew.testbed.run import simulate_run, truth
+from ballscrew.testbed.instruments import Instruments
+from ballscrew.testbed.run import channels_toml, simulate_run, truth
 
 SHORT = replace(PLAN, positions=PLAN.positions[:4], repetitions=3)
 
@@ -123,3 +126,14 @@ def test_a_plan_that_leaves_the_screw(tmp_path):
     with pytest.raises(InputError, match="not on the screw"):
         simulate_run(example_rig(), replace(SHORT, positions=(0.0, 2.0)), LOAD, tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("scale", [False, True])
+@pytest.mark.parametrize("probe", [False, True])
+def test_the_channel_map_has_the_instruments_of_the_rig(scale: bool, probe: bool) -> None:
+    instruments = Instruments(linear_scale=scale, backlash_probe=probe)
+    text = channels_toml(replace(example_rig(), instruments=instruments))
+    plain = channels_toml(replace(example_rig(), instruments=Instruments()))
+    rows, others = (tomllib.loads(each)["channel"] for each in (text, plain))
+    assert len(rows) == len(others) + scale + probe
+    assert ChannelMap.from_settings(tomllib.loads(text)).channels

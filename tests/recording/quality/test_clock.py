@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from ballscrew.recording.quality.clock import (
     MoveTimes,
     check_clock,
     clock_difference,
+    cruising_speed,
     estimate_clock,
     measure_move_times,
 )
@@ -122,3 +124,11 @@ def test_the_start_after_a_reversal_is_late_and_does_not_count(run):
     found = measure_move_times(Kinematics(position, nothing, nothing, rate, 0.0, 0.0), phases, run.plan)
     assert len(found.dwell) == 4  # two of four in each direction: not the first, and none follows the last
     assert found.dwell == pytest.approx(0.0, abs=2 / rate / planned.dwell)
+
+
+@pytest.mark.parametrize(("stop", "start", "speed"), [(100, 900, 0.2), (100, 103, None), (100, 100, None)])
+def test_a_speed_that_is_constant_too_briefly_is_not_measured(stop, start, speed):
+    position = 0.2 * np.arange(1000) / 1000.0
+    motion = SimpleNamespace(position=position, rate=1000.0)
+    found = cruising_speed(motion, SimpleNamespace(stop=stop), SimpleNamespace(start=start))
+    assert found == (None if speed is None else pytest.approx(speed))

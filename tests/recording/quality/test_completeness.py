@@ -9,7 +9,7 @@ from tests.recording.quality.conftest import codes, ran
 from tests.recording.synthetic import LOAD, PLAN, SHEET, changed, recorded, synthetic_trip
 
 from ballscrew.axis.model import rotor_mass, weight_on_nut
-from ballscrew.recording.quality.completeness import check_run
+from ballscrew.recording.quality.completeness import _check_mass, check_run
 from ballscrew.recording.rigid_body import RigidBody
 
 
@@ -247,3 +247,20 @@ def test_trips_that_differ_by_their_noise_alone_are_no_copies(run):
     random = np.random.default_rng(0)
     other = changed(run.one, lambda _, x: x + 1e-3 * random.standard_normal(len(x)), "torque")
     assert ran((run.one, other), replace(run.plan, repetitions=2), run.sheet, run.load) == ()
+
+
+@pytest.mark.parametrize(
+    ("part", "severity", "words"),
+    [
+        (1.0, None, ""),
+        (0.9, "suspect", "no load explains it; a wrong scale of the torque, or a wrong lead"),
+        (1.2, "suspect", "kg would explain it, as would a wrong scale of the torque"),
+        (3.0, "bad", "too much for a wrong load"),
+    ],
+)
+def test_a_mass_that_no_load_explains_is_one_of_the_scale(part, severity, words):
+    own = SHEET.table.mass + rotor_mass(SHEET)
+    rigid = RigidBody(part * own, 0.0, 0.0, 0.0, (0.1, 0.0, 0.0, 0.0), 1.0, 1.0)
+    findings = _check_mass(SHEET, 0.0, rigid)
+    assert [finding.severity for finding in findings] == ([severity] if severity else [])
+    assert all(words in finding.message for finding in findings)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt
-from tests.recording.synthetic import changed
+from tests.recording.synthetic import changed, recorded, synthetic_trip
 
 from ballscrew.recording.aligned import align
 from ballscrew.recording.kinematics import kinematics
@@ -37,3 +37,13 @@ def test_a_high_pass_is_found_and_undone(run, corner, order):
     assert np.std(rest) < 0.1 * np.std(before.response[0][middle])
     names = [finding.code for finding in check_high_pass("a.h5", after.responses, corners)]
     assert names == (["high-pass"] if corner > 0.5 else [])
+
+
+@pytest.mark.parametrize("signal", ["zero", "noise"])
+def test_a_response_that_does_not_follow_the_encoder_has_no_corner(signal):
+    random = np.random.default_rng(0)
+    change = {"zero": lambda _, x: 0 * x, "noise": lambda _, x: random.standard_normal(len(x))}[signal]
+    trip = recorded(synthetic_trip())
+    after, corners = undone(changed(trip, change, "acc1_x"))
+    assert corners == (0.0, 0.0)
+    np.testing.assert_array_equal(after.response[1], undone(trip)[0].response[1])

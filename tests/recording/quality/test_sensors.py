@@ -8,7 +8,10 @@ from scipy.signal import bilinear, lfilter
 from tests.recording.quality.conftest import codes, moved
 from tests.recording.synthetic import changed
 
-from ballscrew.recording.quality.sensors import is_pitching
+from ballscrew.recording.aligned import align
+from ballscrew.recording.kinematics import kinematics
+from ballscrew.recording.phases import find_phases
+from ballscrew.recording.quality.sensors import _worst_band, crosswise_gains, is_pitching
 
 RATE = 12800.0
 
@@ -90,3 +93,25 @@ def test_nothing_excuses_nothing():
     assert not is_pitching(frequency, zero, zero)
     assert not is_pitching(frequency[:3], zero[:, :3] + 1, zero[:, :3] + 1)
     assert not is_pitching(frequency, zero + np.nan, zero + 1)
+
+
+def test_without_phases_no_gain_across_the_screw_is_known(run):
+    recording = turned(run, 10.0)
+    aligned = align(recording)
+    phases = find_phases(kinematics(aligned.position, aligned.rate))
+    assert crosswise_gains(aligned, phases)
+    assert crosswise_gains(aligned, ()) == {}
+    assert crosswise_gains(replace(aligned, across={}), phases) == {}
+
+
+def test_sensors_without_anything_in_common_are_not_compared():
+    frequency = np.arange(0.0, 3200.0, 5.0)
+    random = np.random.default_rng(0)
+    first, second = random.standard_normal((2, 6, len(frequency))) + 0j
+    assert _worst_band(frequency, first, second) is None
+    assert _worst_band(frequency, first, 0 * first) is None
+    assert _worst_band(frequency, first, 2 * first) is None  # in all bands alike
+    louder = first * np.where(frequency >= 80.0, 3.0, 1.0)
+    found = _worst_band(frequency, first, louder)
+    assert found is not None
+    assert found[2] == pytest.approx(3.0, rel=0.2)

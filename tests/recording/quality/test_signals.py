@@ -12,8 +12,9 @@ from tests.recording.synthetic import changed, recorded, synthetic_trip
 
 from ballscrew.recording.channels import read_channels
 from ballscrew.recording.load import read_recording
+from ballscrew.recording.quality import hum
 from ballscrew.recording.quality.signal_faults import clipping, wraps
-from ballscrew.recording.quality.signals import check_signals
+from ballscrew.recording.quality.signals import _check_noise, check_signals
 
 
 def test_good_recordings_pass(run):
@@ -337,3 +338,22 @@ def test_a_position_faster_than_any_ball_screw_is_scaled_wrongly():
     found = check_signals(changed(recorded(synthetic_trip()), lambda _, x: 1e3 * x, "position"))
     assert codes(found) == {"scale": "bad"}
     assert "moves at 150 m/s, faster than any ball screw; check its unit and scale" in found[0].message
+
+
+def test_a_position_of_another_length_says_nothing_of_a_standing_torque():
+    """Where the axis moves is then not known for each sample."""
+    trip = recorded(synthetic_trip())
+    x = trip.channels["torque"]
+    values = x.to_numpy().copy()
+    values[20_000:24_000] = values[20_000]
+    channels = {**trip.channels, "torque": x.copy(data=values)}
+    whole = replace(trip, channels=channels)
+    assert "flat" in [finding.code for finding in _check_noise(whole, "torque", ["position"])]
+    place = trip.channels["position"]
+    short = replace(trip, channels={**channels, "position": place[:-5]})
+    assert "flat" not in [finding.code for finding in _check_noise(short, "torque", ["position"])]
+
+
+def test_a_line_of_the_mains_between_two_lines_of_a_spectrum_is_none():
+    frequency = np.arange(0.0, 100.0, 0.5) + 0.25
+    assert hum._line(frequency, np.ones_like(frequency), 50.0, 1.0) == []

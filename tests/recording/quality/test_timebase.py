@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballscrew.recording.quality.timebase import check_rates, check_time, time_rate
+from ballscrew.recording.quality.timebase import Timing, check_rates, check_time, check_timing, time_rate
 
 TIME = np.arange(20_000) / 12800.0
 
@@ -77,3 +77,28 @@ def test_any_column_of_numbers_is_checked_without_raising(values):
     with np.errstate(all="ignore"):
         for finding in check_time("a.csv", np.array(values)):
             assert finding.message.startswith("a.csv: ")
+
+
+@pytest.mark.parametrize("time", [np.full(100, np.nan), np.zeros(1)])
+def test_times_of_which_none_is_known_have_no_rate(time):
+    assert time_rate(time) is None
+
+
+@pytest.mark.parametrize(
+    ("timing", "gain", "codes", "is_sure"),
+    [
+        (Timing(0.02, 0.04, -0.02, None), None, ["rate"], False),  # no witness: another motion, or the rate
+        (Timing(0.02, 0.04, -0.02, -0.02), None, ["rate"], True),
+        (Timing(0.06, 0.12, -0.06, 0.0), None, ["speed"], True),
+        (Timing(0.2, None, None, None), None, ["speed"], True),
+        (Timing(0.2, 0.2, 0.0, None), None, ["scale"], True),
+        (Timing(0.0, 0.0, 0.0, 0.0), None, [], True),
+        (Timing(None, None, None, None), None, [], False),
+    ],
+)
+def test_the_plan_tells_a_wrong_rate_from_another_speed_or_scale(timing, gain, codes, is_sure):
+    findings, confirmed = check_timing("a.h5", 1000.0, timing, gain)
+    assert [finding.code for finding in findings] == codes
+    assert confirmed is is_sure
+    if codes == ["rate"] and not is_sure:
+        assert "or another motion was run" in findings[0].message

@@ -11,7 +11,12 @@ from tests.recording.synthetic import changed, recorded, synthetic_trip
 from ballscrew.recording.aligned import align
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases
-from ballscrew.recording.quality.delay import compare_with_encoder
+from ballscrew.recording.quality.delay import (
+    Synchronisation,
+    _are_exchanged,
+    compare_with_encoder,
+    derived_responses,
+)
 from ballscrew.recording.quality.lowband import low_band, two_masses
 from ballscrew.testbed.trip import simulate_trip
 
@@ -80,3 +85,37 @@ def test_a_torque_that_is_none_has_no_delay():
     band, step = step_of(recorded(synthetic_trip()))
     found = two_masses(replace(band, raw_drive=0 * band.raw_drive), [(0, step.responses[0])])
     assert found is None or not found.fit.explained > 0.5
+
+
+@pytest.mark.parametrize("signal", ["raw_response", "raw_drive"])
+def test_signals_that_are_missing_determine_no_masses(signal):
+    recording = recorded(synthetic_trip())
+    band, found = step_of(recording)
+    assert found.masses is not None
+    missing = replace(band, **{signal: np.full_like(getattr(band, signal), np.nan)})
+    true = [(index, fit) for index, fit in enumerate(found.responses) if fit is not None]
+    assert two_masses(band, true) is not None
+    with np.errstate(all="ignore"):
+        assert two_masses(missing, true) is None
+
+
+def test_without_a_torque_there_is_no_delay_behind_it():
+    late, spread = Synchronisation(None, ()).delay
+    assert np.isnan([late, spread]).all()
+
+
+def test_a_record_of_two_samples_has_no_response_that_is_derived():
+    aligned = align(recorded(synthetic_trip()))
+    short = replace(aligned, position=aligned.position[:2], response=aligned.response[:, :2])
+    assert derived_responses(short) == (False, False)
+    assert derived_responses(aligned) == (False, False)
+    own = np.zeros_like(aligned.response)
+    own[0, 1:-1] = np.diff(aligned.position, 2) * aligned.rate**2
+    assert derived_responses(replace(aligned, response=own)) == (True, False)
+
+
+def test_a_constant_torque_is_not_exchanged_with_the_position():
+    aligned = align(recorded(synthetic_trip()))
+    exchanged = replace(aligned, input=aligned.position, position=aligned.input)
+    assert _are_exchanged(exchanged)
+    assert not _are_exchanged(replace(exchanged, input=np.full_like(aligned.input, 0.1)))
