@@ -132,3 +132,15 @@ def test_beyond_the_test_there_are_gentler_motion_peak_and_upper_limits():
     ends = next(c for c in middle.containers if c.get_label() == "below, 95 %").lines[0].get_xydata()
     assert ends.tolist() == [[70, 10], [80, 10]]
     assert_every_axis_has_its_unit(figure)
+
+
+def test_the_alarm_is_a_line_with_its_days_before_backlash():
+    figure = draw(alarm_day=54.0)
+    assert "alarm: day 54" in texts(figure)
+    assert "12 days before backlash" in texts(figure)
+    for axes in figure.axes:
+        assert any(np.all(np.asarray(line.get_xdata()) == 54.0) for line in axes.get_lines())
+    alone = texts(draw(alarm_day=54.0, backlash_day=None))
+    assert "alarm: day 54" in alone
+    assert "before backlash" not in alone
+    assert "alarm" not in texts(draw())

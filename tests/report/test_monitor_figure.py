@@ -15,7 +15,7 @@ from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.report.canvas import save_figure
 from ballscrew.report.monitor_figure import draw_monitor
-from ballscrew.report.monitor_words import _remaining, advice, headline, lamp
+from ballscrew.report.monitor_words import AGAIN_SOON, _remaining, advice, headline, lamp
 
 DAYS = tuple(float(day) for day in range(0, 60, 3))
 
@@ -146,3 +146,85 @@ def test_a_life_of_less_than_a_day_is_not_at_least_0_days() -> None:
     assert _remaining(0.4, 18.2, 60.0) == "; the end of life may have been reached (about 18 days remain)"
     assert _remaining(0.6, 18.2, 60.0) == "; at least 1 days of life remain (about 18, at most 60)"
     assert _remaining(0.4, None, None) == "; at least 0 days of life remain, the latest end is open"
+
+
+def test_the_end_of_life_is_a_bar_from_the_earliest_to_the_latest_day(alarmed):
+    prognosis = alarmed.prognosis
+    assert prognosis is not None
+    lengths = []
+    for latest, words in ((None, "(10 to open)"), (12.0, "(10 to 12)"), (13.0, "(10 to 13)")):
+        days = {**dict.fromkeys(prognosis.rul_days), 0.05: 10.0, 0.5: 11.0, 0.95: latest}
+        axes = draw_monitor(replace(alarmed, prognosis=replace(prognosis, rul_days=days))).axes[0]
+        assert f"end of life: 11 days {words}" in [text.get_text() for text in axes.texts]
+        (bar,) = [line for line in axes.lines if line.get_linewidth() == 3 and len(line.get_xdata()) == 2]
+        first, last = bar.get_xdata()
+        lengths.append((last - first).total_seconds() / 86_400)
+    assert lengths[0] > lengths[2]
+    assert lengths[1:] == pytest.approx([2.0, 3.0])
+
+
+def test_runs_of_a_long_history_are_thin(alarmed, monkeypatch):
+    def sizes():
+        bars = [bar for bar in draw_monitor(alarmed).axes[0].containers if bar.get_label() == "alarm"]
+        return bars[0].lines[0].get_markersize(), bars[0].lines[2][0].get_linewidths()[0]
+
+    thick = sizes()
+    monkeypatch.setattr("ballscrew.report.monitor_figure._MANY", len(alarmed.state.runs) - 1)
+    assert all(now < before for now, before in zip(sizes(), thick, strict=True))
+
+
+def test_a_time_without_a_zone_is_utc():
+    def naive(run):
+        return replace(run, reading=replace(run.reading, measured_at=run.reading.measured_at[:19]))
+
+    result = monitor(history(DAYS[:6]), calibrated())
+    unzoned = replace(result, state=replace(result.state, runs=tuple(map(naive, result.state.runs))))
+    times = []
+    for each in (result, unzoned):
+        (bars,) = [bar for bar in draw_monitor(each).axes[0].containers if bar.get_label() == "normal"]
+        times.append(list(bars.lines[0].get_xdata()))
+    assert times[0] == times[1]
+
+
+def test_an_axis_without_any_assessed_run_has_a_line_without_an_estimate():
+    result = monitor(history(DAYS[:2], quality=Quality("bad", ("clipped",))), calibrated())
+    assert result.state.assessed is None
+    line = headline(result)
+    assert line.startswith("bench: NOT JUDGED: ")
+    assert "%" not in line
+
+
+def test_a_nut_that_is_probably_in_stage_two_is_to_be_replaced(alarmed):
+    state = alarmed.state
+    words = "The preload is probably gone: expect backlash, and replace or preload the nut."
+    for probability, gone in ((0.51, True), (0.49, False)):
+        stage = replace(state.stage, I=1 - probability, II=probability)
+        assert (words in advice(replace(alarmed, state=replace(state, stage=stage)))) == gone
+
+
+def test_two_runs_on_a_day_are_one_of_the_baseline():
+    result = monitor(history((0.0, 0.1)), calibrated())
+    (action,) = advice(result)
+    assert action == (
+        "Run the test 2 times more in the same way, on another day: a second run on a day repeats the "
+        "first. A baseline takes three good runs."
+    )
+
+
+def test_a_watch_asks_for_another_run_soon(alarmed):
+    watched = replace(alarmed, state=replace(alarmed.state, state="watch", causes=()))
+    assert advice(watched) == (AGAIN_SOON,)
+    bearing = replace(watched.state, causes=(HistoryCause("bearing", 0.9, "softening"),))
+    first, second = advice(replace(watched, state=bearing))
+    assert (first, "the bearing" in second) == (AGAIN_SOON, True)
+
+
+def test_an_open_life_is_not_in_the_line(alarmed):
+    prognosis = alarmed.prognosis
+    assert prognosis is not None
+    line = headline(alarmed)
+    assert "of life" in line
+    days = dict.fromkeys(prognosis.rul_days)
+    without = headline(replace(alarmed, prognosis=replace(prognosis, rul_days=days)))
+    assert "of life" not in without
+    assert line.startswith(without)

@@ -341,3 +341,14 @@ def test_the_look_of_other_figures_is_left_alone(tmp_path):
     before = dict(mpl.rcParams)
     write_plan(planned(), tmp_path / "plan.png")
     assert dict(mpl.rcParams) == before
+
+
+def test_many_nulls_are_stated_by_their_spacing():
+    """The speed is reached after a jerk phase of √(0.15 / 5) s."""
+    slow = replace(BENCH, jerk=5.0)
+    figure = draw(replace(PLAN, positions=(0.0, 0.225, 0.45), motions=(slow,)))
+    axes = panel(figure, "Torque")
+    assert "nulls every 5.77 Hz" in [text.get_text() for text in axes.texts]
+    assert not [line for line in axes.get_lines() if line.get_marker() == "o"]
+    names = [text.get_text() for text in panel(figure, "Expected").texts]
+    assert any(words.startswith("nulls of ") and words.endswith(" every 5.77 Hz") for words in names)
