@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ballscrew.axis import hertz
-from ballscrew.axis.rigidity import kappa, tolerance
+from ballscrew.axis.rigidity import at_preload, kappa, tolerance
 from ballscrew.axis.tolerances import tolerances
 
 FLANK = 3.0e10  # K_h of one flank, N/m^1.5
@@ -114,3 +114,15 @@ def test_a_stated_tolerance_is_used(axes):
     measured = replace(axes["M"], screw=screw(axes, "measured", 450e6))
     assert tolerances(measured)["rigidity"] == 0.10
     assert tolerances(replace(measured, tolerances={"rigidity": 0.03}))["rigidity"] == 0.03
+
+
+@pytest.mark.parametrize(
+    ("convention", "stated"), [("preloaded", 0.1), ("clearance", None), ("measured", 0.04), ("unknown", 0.04)]
+)
+def test_a_rigidity_stays_that_of_the_preload_at_which_it_was_stated(axes, convention, stated):
+    given = screw(axes, convention, 400e6, rigidity_preload_ratio=0.1 if convention == "preloaded" else None)
+    sheet = replace(axes["M"], screw=replace(given, preload_ratio=0.04))
+    half = at_preload(sheet, 0.02 * sheet.screw.dynamic_load_rating)
+    assert (half.screw.preload_ratio, half.screw.rigidity_preload_ratio) == (pytest.approx(0.02), stated)
+    assert kappa(half.screw) == pytest.approx(kappa(sheet.screw))
+    assert at_preload(sheet, None) is sheet

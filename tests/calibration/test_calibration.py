@@ -14,6 +14,7 @@ from tests.calibration.tables import Errors, table
 from ballscrew.axis.axial import PARAMETERS, frequency, from_sheet, from_vector, gradient, to_vector
 from ballscrew.axis.axial_prior import prior
 from ballscrew.axis.sheet import DataSheet, Limits
+from ballscrew.axis.sheet_file import axis_toml
 from ballscrew.base.errors import InputError, MeasurementError
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration import robust_fit
@@ -648,3 +649,22 @@ def test_a_spring_makes_a_calibration_suspect(experiment, sheet) -> None:
     sprung = replace(sheet, screw=replace(sheet.screw, preload_by="spring"))
     names = [doubt.name for doubt in calibrate(experiment(), sprung).reasons]
     assert "spring-preload" in names
+
+
+def test_files_are_read_as_runs_and_sheets_are(experiment, sheet, tmp_path) -> None:
+    runs = experiment()[:3]
+    (tmp_path / "axis.toml").write_text(axis_toml(sheet), encoding="utf-8")
+    paths = []
+    for number, run in enumerate(runs):
+        paths.append(tmp_path / f"run{number}.json")
+        run.write(paths[-1])
+    found = calibrate([str(paths[0]), runs[1], paths[2]], tmp_path / "axis.toml")
+    np.testing.assert_allclose(found.vector, calibrate(runs, sheet).vector, rtol=1e-6)
+    (alone,) = calibrate(paths[0], str(tmp_path / "axis.toml")).runs
+    assert alone.id == runs[0].id
+
+
+def test_a_fit_that_does_not_converge_is_said(experiment, sheet, monkeypatch) -> None:
+    monkeypatch.setattr("ballscrew.calibration.fit._MOST_EVALUATIONS", 1)
+    with pytest.raises(MeasurementError, match="the calibration does not converge"):
+        calibrate(experiment(), sheet)

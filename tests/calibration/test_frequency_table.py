@@ -167,3 +167,13 @@ def test_effects_of_the_wrong_length_are_refused(experiment) -> None:
 def test_a_suspect_run_stays_so(experiment) -> None:
     table = frequency_table(replace(experiment()[0], quality=Quality("suspect", ("noisy",))))
     assert (table.verdict, table.reasons) == ("suspect", ("noisy",))
+
+
+def test_a_run_of_very_many_cells_is_refused(experiment, monkeypatch) -> None:
+    run = experiment()[0]
+    count = len(run.cells)
+    monkeypatch.setattr("ballscrew.calibration.frequency_table._MOST_CELLS", count - 1)
+    with pytest.raises(InputError, match=f"has {count} cells; it must have {count - 1} or fewer"):
+        frequency_table(run)
+    monkeypatch.setattr("ballscrew.calibration.frequency_table._MOST_CELLS", count)
+    assert len(frequency_table(run).frequency) == count

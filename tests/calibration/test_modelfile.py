@@ -14,6 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from ballscrew.axis.axial import PARAMETERS
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.quantity import Quantity
@@ -191,3 +192,17 @@ def test_any_change_of_one_value_is_read_or_refused(document, tmp_path: Path, da
     (tmp_path / "m.json").write_text(json.dumps({**document, key: value}), encoding="utf-8")
     with contextlib.suppress(InputError):
         read_model(tmp_path / "m.json")
+
+
+@pytest.mark.parametrize("name", ["compliance", "share", "preload"])
+def test_a_parameter_that_is_known_too_well_is_refused(document, tmp_path: Path, name: str) -> None:
+    exact = copy.deepcopy(document)
+    at = PARAMETERS.index(name)
+    for row in exact["covariance"]:
+        row[at] = 0.0
+    exact["covariance"][at] = [0.0] * len(PARAMETERS)
+    exact["cross_covariance"][at] = [0.0] * len(exact["cross_covariance"][at])
+    path = tmp_path / "model.json"
+    path.write_text(json.dumps(exact), encoding="utf-8")
+    with pytest.raises(InputError, match=f"covariance of {name} is 0; it must be more than"):
+        read_model(path)

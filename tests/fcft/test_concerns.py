@@ -439,3 +439,10 @@ def test_a_nut_with_a_spring_loses_contact_at_a_load_of_its_preload(sheet):
     assert "load" not in kinds(slower, spring)
     assert "unloads the nut (1.00 P) at" in " ".join(notes(slower, spring, expected_cells(slower, spring)))
     assert "loses contact at a load of P" in two_levels(PLAN, spring).reason
+
+
+def test_a_weight_is_compared_with_the_lowest_preload_of_the_plan(sheet):
+    vertical = replace(sheet, orientation="vertical", inclination=math.pi / 2)
+    plan = replace(PLAN, preloads=(600.0, 431.0))
+    upright = " ".join(notes(plan, vertical, expected_cells(plan, vertical)))
+    assert "1294 N, 3.00 times the lowest preload" in upright

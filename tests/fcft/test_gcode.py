@@ -364,3 +364,14 @@ def test_stops_that_a_program_cannot_tell_apart(sheet):
 def test_a_program_that_no_controller_would_hold(read, sheet):
     with pytest.raises(InputError, match=r"a program of 1050000 blocks; they must make 1000000 or fewer"):
         gcode(replace(read(), repetitions=25_000), sheet)
+
+
+def test_the_header_has_the_preloads_of_the_nut_and_the_torque_of_the_highest(read, sheet):
+    plain = remarks(list(gcode(read(), sheet)))
+    assert "preload of the nut" not in plain
+    plans = [replace(read(), preloads=preloads) for preloads in ((300.0,), (300.0, 900.0))]
+    low, high = (remarks(list(gcode(plan, sheet))) for plan in plans)
+    assert "preload of the nut: 300, 900 N, each with every load" in high
+    assert "preload of the nut: 300 N, each with every load" in low
+    torques = [float(re.search(r"motor torque ([\d.]+) N m", text)[1]) for text in (low, plain, high)]
+    assert torques == sorted(set(torques))  # the nominal preload is 600 N

@@ -182,3 +182,24 @@ def test_it_finds_the_best_of_all_preloads(sheet, adjust):
 def test_one_preload_of_several_is_never_enough(sheet):
     best = optimise(PLAN, sheet, preloads=(600.0, 300.0), adjust_minutes=1000.0)
     assert best.plan.preloads == (300.0, 600.0)
+
+
+def test_stops_that_rounding_would_bring_too_close_are_exact():
+    """Two motions of 25.2 mm between stops 25.225 mm apart: whole millimetres would be 25 mm."""
+    gap = 2 * SLOW.acceleration_distance
+    plan = replace(PLAN, positions=(0.0, 2.0005 * gap))
+    first, middle_stop, last = candidate_stops(plan)
+    assert (first, last) == plan.positions
+    assert middle_stop == pytest.approx(1.00025 * gap, abs=1e-12)
+    assert abs(1e3 * middle_stop - round(1e3 * middle_stop)) > 0.01
+
+
+def test_the_text_says_where_the_given_plan_does_not_determine_all(sheet):
+    plan = replace(FAST, positions=(0.0, 0.45), masses=(0.0, 50.0))
+    best = optimise(plan, sheet)
+    assert f"{best.ratio:.3g} times the information per minute of the given plan, by the data sheet" in str(
+        best
+    )
+    single = str(optimise(replace(plan, masses=(50.0,)), sheet, loads=(0.0, 50.0)))
+    assert "the given plan does not determine all parameters, by the data sheet" in single
+    assert "times the information" not in single

@@ -276,3 +276,27 @@ def test_an_impossible_wish(read, line, message):
 def test_an_impossible_spread(read, line, message):
     with pytest.raises(InputError, match=rf"^plan\.toml: {message}"):
         read(('dwell = "350 ms"', f'dwell = "350 ms"\n{line}'))
+
+
+def test_preloads_and_motions_stand_once(read):
+    preloads = ("[motion]", 'preloads = ["600 N", "300 N"]\n[motion]')
+    assert read(preloads).preloads == (600.0, 300.0)
+    text = r"preloads is \['600 N', 600\]; it must be a list in which each preload stands once"
+    with pytest.raises(InputError, match=text):
+        read(("[motion]", 'preloads = ["600 N", 600]\n[motion]'))
+    motion = 'speed = "150 mm/s"\nacceleration = "2.5 m/s^2"\njerk = "1500 m/s^3"\ndwell = "350 ms"\n'
+    with pytest.raises(InputError, match="it must be a list in which each motion stands once"):
+        read(("[motion]", f"[[motion]]\n{motion}[[motion]]"))
+
+
+def test_an_empty_list_is_no_motion(tmp_path):
+    path = tmp_path / "plan.toml"
+    text = 'positions = [0, 0.1]\nrepetitions = 3\nmasses = ["1 kg"]\nmotion = []\n'
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"motion is \[\]; it must be one table \[motion\], or several"):
+        read_plan(path)
+
+
+def test_stops_closer_than_a_nanometre_are_none(read):
+    with pytest.raises(InputError, match="neighbouring stops are 1 nm apart or more"):
+        read(positions("{ start = 0, stop = 1e-9, step = 5e-10 }"))

@@ -38,3 +38,10 @@ def test_it_can_be_read_by_people():
     assert 'positions = ["0 mm", "45 mm", "97.5 mm"]' in text
     assert 'speed = "150 mm/s"' in text
     assert "temperature = true" in text
+
+
+def test_preloads_come_back(tmp_path):
+    plan = replace(PLAN, preloads=(600.0, 299.5))
+    assert 'preloads = ["600 N", "299.5 N"]' in plan_toml(plan)
+    assert back(plan, tmp_path) == plan
+    assert "preloads" not in plan_toml(PLAN)
