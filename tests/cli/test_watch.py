@@ -232,3 +232,15 @@ def test_a_file_that_is_no_preload_is_named_and_stays(folder: Path) -> None:
     assert "is not a preload of ballscrew" in failure
     assert other.read_text(encoding="utf-8") == '{"schema": 2, "mine": 1}'
     assert (folder / "day-02" / "run.preload.json").is_file()
+
+
+def test_without_matplotlib_the_page_has_no_picture(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing() -> None:
+        raise InputError("matplotlib is not installed.")
+
+    monkeypatch.setattr("ballscrew.report.axis_page.check_drawing", missing)
+    page = folder / "axis.html"
+    watch(folder, folder / "model.json", analyze_run=analyzed, page=page)
+    text = page.read_text(encoding="utf-8")
+    assert "<img" not in text
+    assert "<table" in text

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from tests.estimation.made_runs import calibrated, run_of
 
-from ballscrew.estimation.inflation import LOCAL, UNEXPLAINED
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.estimation.causes import PossibleCause
+from ballscrew.estimation.inflation import LOCAL, UNEXPLAINED, inflate_uncertainty
 from ballscrew.estimation.preload import preload
 
 BASE = run_of(name="base")
@@ -61,3 +66,18 @@ def test_a_run_that_one_preload_explains_is_not_inflated(ratio: float) -> None:
     found = preload(run_of(ratio), calibrated(), BASE)
     assert found.fused is not None
     assert not found.fused.terms.keys() & {LOCAL, UNEXPLAINED}
+
+
+def test_a_misfit_that_another_cause_explains_inflates_nothing() -> None:
+    cells = np.random.default_rng(2)
+    run = run_of(0.9, uncertainty=5e-4, softer=lambda x: 4e-3 * cells.standard_normal(len(x)))
+    misfit = preload(run, calibrated(), run_of(name="base", uncertainty=5e-4))
+    plain = preload(run_of(0.9), calibrated(), BASE).fused
+    assert misfit.fused is not None
+    assert plain is not None
+    fused = replace(plain, probability=misfit.fused.probability, chi2=misfit.fused.chi2)
+    evidence: Any = None  # which only a local change takes
+    moved = PossibleCause("position", 0.9, 1.0, 0.02, 1e-3, "m", True, "a zero that has moved")
+    assert inflate_uncertainty(fused, evidence, [moved], Assumptions()) == fused
+    nothing = inflate_uncertainty(fused, evidence, [replace(moved, possible=False)], Assumptions())
+    assert nothing.terms.keys() - fused.terms.keys() == {UNEXPLAINED}

@@ -70,3 +70,11 @@ def test_the_title_counts_the_doubts(found: tuple[CalibratedAxis, list[Run]]) ->
     doubtful = replace(calibrated, reasons=(Doubt("rank", "too few"), Doubt("misfit", "it scatters")))
     assert "suspect" not in draw_calibration(replace(calibrated, reasons=()), runs).get_suptitle()
     assert draw_calibration(doubtful, runs).get_suptitle().endswith("(suspect for 2 reasons)")
+
+
+def test_points_lack_runs_of_other_axes_and_refused_cells(found: tuple[CalibratedAxis, list[Run]]) -> None:
+    calibrated, runs = found
+    cells = [replace(runs[0].cells[0], verdict="refused"), *runs[0].cells[1:]]
+    other = replace(runs[1], id="f" * 64)
+    measured = points(calibrated, [replace(runs[0], cells=tuple(cells)), other, *runs[2:]])
+    assert measured.load.tolist() == [0.0] * 11 + [100.0] * 24

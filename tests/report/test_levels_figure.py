@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 pytest.importorskip("matplotlib")
@@ -74,3 +76,11 @@ def test_all_refused_and_a_load_without_spectra_draw_too():
 def test_impossible_pictures_are_refused(runs, positions, message):
     with pytest.raises(InputError, match=message):
         draw_levels(runs, positions)
+
+
+def test_a_load_without_a_cell_or_a_frequency_has_no_star():
+    one, *_ = RUNS
+    absent = replace(RUNS[one], cells=tuple(cell for cell in RUNS[one].cells if cell.position_m != 0.0))
+    first, second = draw({**RUNS, one: absent}).axes
+    assert len(points(first, "*")) == 2
+    assert len(points(second, "*")) == 3

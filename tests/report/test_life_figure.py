@@ -75,3 +75,12 @@ def test_a_state_has_a_sign_and_a_word_besides_its_colour(state):
     assert f"--lamp: {STATE_COLOURS[state]}" in page
     assert sum(sign == other for other in STATE_SIGNS.values()) == 1
     assert sum(STATE_MARKERS[state] == other for other in STATE_MARKERS.values()) == 1
+
+
+def test_a_table_of_sentences_stands_before_the_pictures():
+    given = ("title", ["text"], [("a.png", "caption")], ["claim"], [["it <falls>"]])
+    numbers, words = html_page(*given), html_page(*given, words=True)
+    assert numbers.index("a.png") < numbers.index("it &lt;falls&gt;")
+    assert words.index("it &lt;falls&gt;") < words.index("a.png")
+    assert 'class="words"' in words
+    assert '<table class="words"' not in numbers

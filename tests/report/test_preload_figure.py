@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -81,3 +83,11 @@ def test_a_map_that_cannot_be() -> None:
 def test_runs_without_times_are_numbered() -> None:
     two = [preload(run_of(r, name=str(r)), calibrated(), run_of(name="base")) for r in (0.9, 0.8)]
     assert "run" in texts(draw_preload_map(two))
+
+
+def test_a_condition_without_cells_has_no_points() -> None:
+    run, base = run_of(0.8), run_of(name="base")
+    departures = tuple(cell for cell in run.cells if cell.condition.endswith("A"))
+    found = preload(replace(run, cells=departures), calibrated(), base)
+    bars = [each.get_label() for each in draw_preload(found).axes[0].containers]
+    assert {label for label in bars if label in ("PA", "PD", "NA", "ND")} == {"PA", "NA"}
