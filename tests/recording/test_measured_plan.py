@@ -87,3 +87,10 @@ def test_stops_of_unequal_distances_have_no_step() -> None:
 
 def test_an_axis_that_never_stands_has_no_dwell() -> None:
     assert np.isnan(measured_plan._dwell((), RATE))
+
+
+def test_stops_that_are_closer_than_half_a_millimetre_are_one_and_no_plan() -> None:
+    assert measure_plan(moves(0.02, 6.0, 0.0003, 0.3), RATE) is None
+    plan = measure_plan(moves(0.02, 6.0, 0.0006, 0.3), RATE)
+    assert plan is not None
+    assert len(plan.stops) == 2

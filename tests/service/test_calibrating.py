@@ -196,6 +196,7 @@ def test_the_process_sends_the_model_or_a_sentence(
     monkeypatch.setattr(calibrating, "calibrate_stored", end)
     ours, theirs = multiprocessing.Pipe(duplex=False)
     calibrating.work(theirs, CalibrationTask(str(service.store.path), "none", ("a",), {}))
+    theirs.close()
     status, result = ours.recv()
     assert status == answer[0]
     assert result == answer[1] or answer[1] in result

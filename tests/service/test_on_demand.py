@@ -205,6 +205,7 @@ def test_the_process_computes_until_its_pipe_is_closed(tmp_path: Path) -> None:
     other.send = answers[1].send  # the pipe to the service is closed before they are read
     pipe.close()
     compute_tasks(other, str(tmp_path))
+    answers[1].close()
     assert answers[0].recv() is None
     assert answers[0].recv() == TaskFailure("it is no file.", lasts=True)
     assert [path.name for path in tmp_path.iterdir()] == ["a"]

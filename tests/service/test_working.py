@@ -321,15 +321,23 @@ def test_recordings_of_store_add_are_not_analysed_again(
 
 
 @pytest.mark.usefixtures("own_process")
-def test_a_worker_does_tasks_until_its_pipe_says_no_more(service: Service, tmp_path: Path) -> None:
+def test_a_worker_does_tasks_until_its_pipe_says_no_more(
+    service: Service, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its temporary files are in the folder that the service clears; the service answers Ctrl-C."""
     pipe, other = multiprocessing.Pipe()
     for task in (AssessmentTask(str(service.store.path), "none"), None):
         pipe.send(task)
+    imported: list[str] = []
+    monkeypatch.setattr(working, "import_module", imported.append)
     work(other, str(tmp_path / "scratch" / "0"))
+    other.close()
     assert pipe.recv() == ("ready", None)
+    assert "ballscrew.store.analysing" in imported  # before the first task comes
     status, sentence = pipe.recv()
-    assert (status, "no axis 'none'" in sentence, pipe.poll()) == ("refused", True, False)
+    assert (status, "no axis 'none'" in sentence) == ("refused", True)
+    with pytest.raises(EOFError):
+        pipe.recv()
     assert tempfile.gettempdir() == str(tmp_path / "scratch" / "0")
     assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 

@@ -407,8 +407,10 @@ def test_what_a_reader_of_another_package_gives_is_sent_as_it_can_be(
 
 @needs_fork
 def test_the_signal_that_ended_a_reader_is_reported_on_its_socket(monkeypatch: pytest.MonkeyPatch) -> None:
-    ended = {5: signal.SIGSEGV, 6: 0}
-    pairs = {number: socket.socketpair() for number in (5, 6, 7)}
+    """One that is closed does not prevent it."""
+    ended = {5: signal.SIGSEGV, 6: 0, 8: signal.SIGSEGV}
+    pairs = {number: socket.socketpair() for number in (5, 6, 7, 8)}
+    pairs[8][0].close()
     sessions = {number: theirs for number, (_, theirs) in pairs.items()}
     monkeypatch.setattr(os, "waitpid", lambda *_: ended.popitem() if ended else (0, 0))
     server._reap(sessions)
