@@ -198,11 +198,11 @@ def test_a_run_that_cannot_be_analysed_is_a_sentence_beside_the_results_of_the_o
     first, second, third, *_ = tasks_of(plant, monkeypatch)
     ((_, sha256, compression),) = second.files
     path_of(Path(second.folder), sha256, compression).unlink()
-    one, two, three = analysing.analyse_tasks([first, second, replace(third, run="another")])
-    assert isinstance(one, bytes)
-    assert Run.from_json(unpack(one)).id == first.run
-    assert "cannot be read" in str(two)
-    assert three == f"the analysis gives another run, {third.run[:12]}"
+    result, missing, another = analysing.analyse_tasks([first, second, replace(third, run="another")])
+    assert isinstance(result, bytes)
+    assert Run.from_json(unpack(result)).id == first.run
+    assert "cannot be read" in str(missing)
+    assert another == f"the analysis gives another run, {third.run[:12]}"
 
 
 def test_a_sentence_of_an_analysis_names_the_file_without_the_folder_of_its_copy(
