@@ -17,8 +17,15 @@ from ballscrew.modal.paper.cells import identify_cells
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.quality.finding import Quality
-from ballscrew.report.canvas import CONDITION_COLOURS, CONDITION_MARKERS, FORMATS, check_target, save_figure
-from ballscrew.report.run_figure import draw_run
+from ballscrew.report.canvas import (
+    CONDITION_COLOURS,
+    CONDITION_MARKERS,
+    FORMATS,
+    POSITION_MAP,
+    check_target,
+    save_figure,
+)
+from ballscrew.report.run_figure import _colour, draw_run
 
 plt = pytest.importorskip("matplotlib.pyplot")
 figures = pytest.importorskip("matplotlib.figure")
@@ -176,3 +183,13 @@ def test_without_matplotlib_the_error_names_the_package_to_install(tmp_path, mon
 def test_every_condition_has_a_look_of_its_own():
     assert set(CONDITION_COLOURS) == set(CONDITION_MARKERS) == {"PA", "PD", "NA", "ND"}
     assert len(set(CONDITION_COLOURS.values())) == len(set(CONDITION_MARKERS.values())) == 4
+
+
+def test_a_run_of_one_stop_has_the_first_colour_of_the_positions():
+    single, several = (
+        run_of([CellResult(x, "PA", 0, 3, 170.0, 0.5, 0.03, "joint", "good", ()) for x in places])
+        for places in ((0.1,), (0.1, 0.2))
+    )
+    first = plt.get_cmap(POSITION_MAP)(0.0)
+    assert _colour(single, 0.1) == _colour(several, 0.1) == first
+    assert _colour(several, 0.2) == plt.get_cmap(POSITION_MAP)(0.92)

@@ -8,7 +8,7 @@ from typing import Any, cast
 import pytest
 
 from ballscrew.report.fleet_blocks import urgency_of
-from ballscrew.report.stored_axis import StoredAxis, _action, _doubts, state_words
+from ballscrew.report.stored_axis import StoredAxis, _action, _doubts, _made_rows, state_words
 from ballscrew.report.stored_words import changes
 
 EMPTY: dict[str, Any] = {"runs": [], "corrections": [], "conflicts": [], "shared_recordings": []}
@@ -98,3 +98,25 @@ def test_doubts_are_those_of_measurement_state_and_nut() -> None:
     found = _doubts(axis(explained={"state": state | {"not_judged": "the newest run does not count"}}))
     assert found[2] == "Not judged: the newest run does not count"
     assert _doubts(axis(reasons=["why"], troubles=troubles)) == ["Measurement: silence", "Suspect: why"]
+
+
+def test_how_an_assessment_was_made_names_its_load_and_what_was_accepted() -> None:
+    settings: dict[str, Any] = {"settings": {"false_alarms_per_year": 0.1}, "failure": {"preload_ratio": 0.5}}
+    made = {
+        "version": "1.0",
+        "made_at": "2026-01-05T08:00:00Z",
+        "runs": 7,
+        "inputs": "i",
+        "model_digest": "m",
+    }
+
+    def words(**more: Any) -> str:
+        given = SimpleNamespace(
+            document={"method": None}, made=made | {"settings": settings | more}, counting=[]
+        )
+        return dict(_made_rows(cast(StoredAxis, given)))["settings"]
+
+    plain = words()
+    assert plain == "false alarms per year 0.1; end of life at P/P₀ 0.5"
+    assert words(largest_load=2500.0) == f"{plain}; largest load 2500 N"
+    assert words(accept=["rigidity", "misfit"]) == f"{plain}; accepted doubts rigidity, misfit"
