@@ -568,3 +568,23 @@ def test_a_clock_that_differs_from_the_baselines_makes_the_preload_suspect() -> 
         "the clock of the recordings differs from the baseline's by +2.00 %" in reason
         for reason in other.reasons
     )
+
+
+def test_a_run_stiffer_than_the_model_allows_has_a_stiffness_by_its_baseline_and_no_newtons() -> None:
+    """Both runs are of an axis that is stiffer than the model, which has not been calibrated with them."""
+    base = run_of(name="base", level=0.115)
+    found = preload(run_of(1.2, level=0.115), calibrated(runs=()), base)
+    stiffness = found.stiffness_relative_to_baseline
+    assert stiffness is not None
+    assert stiffness.interval[0] > 1
+    assert (found.preload_N, found.preload_ratio, found.relative_to_model) == (None, None, None)
+    calibrated_with_it = preload(run_of(1.2, level=0.115), calibrated(runs=("base",)), base)
+    assert calibrated_with_it.preload_N is not None
+
+
+def test_without_a_baseline_a_nut_without_an_upper_end_is_refused() -> None:
+    loose = Assumptions(bearing_drift=0.5)
+    assert preload(run_of(1.5), calibrated()).relative_to_model is not None
+    found = preload(run_of(1.5), calibrated(), assumptions=loose)
+    assert (found.verdict, found.relative_to_model) == ("refused", None)
+    assert found.reasons[0].startswith("the interval of the preload has no upper end")

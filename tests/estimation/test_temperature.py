@@ -244,3 +244,15 @@ def test_a_gradient_along_the_screw_is_named_and_widens_the_interval(gradient: f
     assert low < 1 < high
     even = preload(run_of(0.8, uncertainty=1e-4), calibrated(), base)
     assert not any("warmer towards" in text for text in (*even.reasons, *even.notes))
+
+
+def test_runs_of_the_calibration_do_not_count_again_for_its_slope() -> None:
+    base = run_of(name="base", temperature_C=20.0)
+    warm_run = run_of(np.exp(0.5), name="warm", temperature_C=25.0)  # far off the slope
+    run = run_of(0.8 * np.exp(0.2), temperature_C=30.0)
+    ratios = []
+    for runs in (("base", "warm"), ("base",)):
+        model = replace(calibrated(runs=runs), temperature=TemperatureSlope(0.02, 0.01))
+        ratios.append(ratio(preload(run, model, base, more=[warm_run])).value)
+    assert ratios[0] == pytest.approx(0.8, rel=0.01)
+    assert abs(ratios[1] - 0.8) > 0.05
