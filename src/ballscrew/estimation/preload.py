@@ -371,7 +371,7 @@ def _check_load(
     """Check of the declared load; None without a baseline."""
     if comparison.base is None:
         return None
-    by_share = abs(fused.level) * comparison.model.standard_uncertainty("share")
+    by_share = abs(fused.level) * share_uncertainty(comparison.model, comparison.assumptions)
     uncertainty = max(math.hypot(fused.spread, by_share), 1e-12)  # of u
     sensitivity = abs(float(fused.weights @ change.by_load)) / uncertainty  # du/d load over it, 1/kg
     return check_mass(masses, causes, sensitivity, comparison.assumptions)

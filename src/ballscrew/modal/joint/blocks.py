@@ -226,7 +226,7 @@ def simulate(b: Block, mode: AxialMode) -> Simulation:
     """Simulate the response of the axial mode to the drive of a block, without the pitching mode."""
     w = b.windows
     response, to_ripple = np.empty(len(w.place)), np.empty(b.ripple.shape)
-    profile, nut = (mode.compliance, mode.slope, mode.curve), (mode.mass_over_preload, mode.nut_share)
+    profile, nut = (mode.compliance, mode.slope, mode.whole_curve), (mode.mass_over_preload, mode.nut_share)
     frame = (mode.frame_coupling, 2 * math.pi * mode.frame, mode.frame_damping)
     parameters = np.array([*profile, mode.damping, *nut, mode.power, *frame])
     longest_first = np.argsort(w.first[:-1] - w.first[1:])

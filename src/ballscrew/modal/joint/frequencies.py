@@ -158,7 +158,8 @@ def estimate_frequencies(
         # Not lower than by the data sheet's lower limit.
         loads = loads * max(1.0, found.profile.least_mass_over_preload / mass_over_preload)
     law = _LAW * loads * np.maximum(loads, 1.0)
-    worn = _WORN * sheet_weight(fit, found.variation.load_prior_weight) * loads**2
+    load_information = found.profile.load_information(found.variation.prior_inflation)
+    worn = _WORN * sheet_weight(fit, load_information) * loads**2
     terms.append(Term("load", False, (np.hypot(law, worn) * shares * free)[None]))
     unmeasured, fractional = _unmeasured_power(found), any(order.fractional for order in found.ripple)
     if fractional and unmeasured > _LEAST_UNMEASURED:

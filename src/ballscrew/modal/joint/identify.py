@@ -16,6 +16,7 @@ from ballscrew.modal.joint.initial import (
     InitialValues,
     initial_values,
     total_inertia,
+    typical_form_curve,
 )
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.search import SearchResult, search
@@ -90,7 +91,8 @@ def identify_jointly(
     else:
         middle = math.sqrt(settings.lowest * settings.highest)
         highest_sampled = trips[0].rate / min(SAMPLES_PER_PERIOD, settings.rate)
-        initial = _initial_values_around(max(min(middle, highest_sampled), settings.lowest))
+        form_curve = typical_form_curve(low, high)
+        initial = _initial_values_around(max(min(middle, highest_sampled), settings.lowest), form_curve)
     for _ in range(_SEARCHES):
         found = _search_around(trips, transients, inertia, initial, settings, response)
         if isinstance(found, Reason):
@@ -103,7 +105,7 @@ def identify_jointly(
         within_range = FREQUENCY_SCALES[0] < frequency / initial.rotor_free < FREQUENCY_SCALES[-1]
         if sheet is not None or within_range:
             return joint_result(found, transients, settings, rounding)
-        initial = _initial_values_around(frequency)
+        initial = _initial_values_around(frequency, form_curve)
     return refused_run(transients, _no_mode(settings))
 
 
@@ -157,9 +159,14 @@ def too_slow(rate: float, frequency: float, settings: JointSettings) -> Reason |
     return Reason("low-rate", text)
 
 
-def _initial_values_around(frequency: float) -> InitialValues:
+def _initial_values_around(frequency: float, form_curve: float) -> InitialValues:
     """Initial values without a data sheet, for a rotor-free frequency in Hz."""
-    return InitialValues(rotor_free=frequency, rotor_held=_ROTOR_HELD_RATIO * frequency, slope=_SLOPE)
+    return InitialValues(
+        rotor_free=frequency,
+        rotor_held=_ROTOR_HELD_RATIO * frequency,
+        slope=_SLOPE,
+        form_curves=(form_curve, form_curve),
+    )
 
 
 def _block_names(trips: Sequence[TripSignals], response: Response) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from ballscrew.modal.joint.parameters import LOCAL, Modes, Parameter, modes_with
 # Steps of the parameters in the difference quotients, in the unit of the parameter (1 for a logarithm): in
 # general, of some fields, and of local compliances.
 _STEP = 1e-4
-_STEPS = {"slope": 1e-3, "curve": 1e-2, "mass_over_preload": 1e-2, "power": 1e-2}
+_STEPS = {"slope": 1e-3, "curve": 1e-2, "form": 1e-2, "mass_over_preload": 1e-2, "power": 1e-2}
 _LOCAL_STEP = 1e-3
 # Every third local compliance is varied in the same simulation. Each has an effect up to the neighbouring
 # stops, and a window extends from its stop to the next at most: only one of those varied affects it.

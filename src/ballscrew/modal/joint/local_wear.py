@@ -16,7 +16,7 @@ from scipy.special import gammaincinv, logsumexp
 
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit, Prior
-from ballscrew.modal.joint.mode import AxialMode
+from ballscrew.modal.joint.mode import FORM_PRIOR, AxialMode
 from ballscrew.modal.joint.parameters import LOCAL
 from ballscrew.modal.joint.uncertainty import cell_steps
 
@@ -43,13 +43,13 @@ class LocalVariation:
         not significant.
     inflation : float
         Variance of the cells' estimates over that expected for white residuals.
-    load_prior_weight : float
-        Information of the prior of ln(mass over preload) in the fit: the inverse of its variance there.
+    prior_inflation : float
+        The same, as assumed in the priors of the other parameters.
     """
 
     spread: float
     inflation: float
-    load_prior_weight: float = 0.0
+    prior_inflation: float = 0.0
 
 
 UNKNOWN = LocalVariation(0.0, 100.0)  # assumed before a run is fitted
@@ -73,7 +73,7 @@ def _smooth_basis(places: tuple[float, ...], curved: bool) -> Array:
 
 def local_priors(variation: LocalVariation, places: tuple[float, ...], curved: bool) -> list[Prior]:
     """Priors of the local compliances: each 0 ± spread, and almost no line or parabola among them."""
-    # In proportion to the weight of the data, as Profile.scaled_load_deviation.
+    # In proportion to the weight of the data, as Profile.scaled.
     deviation = variation.spread * float(np.sqrt(SAMPLES_PER_INDEPENDENT / variation.inflation))
     names = local_fields(places)
     smooth = [tuple(zip(names, profile, strict=True)) for profile in _smooth_basis(places, curved).T.tolist()]
@@ -82,24 +82,30 @@ def local_priors(variation: LocalVariation, places: tuple[float, ...], curved: b
 
 
 def shrinkage_covariance(found: JointFit, variation: LocalVariation) -> Array:
-    """Covariance of the parameters due to the shrinkage of the local compliances by their prior.
+    """Covariance of the parameters due to the shrinkage of form and local compliances by their priors.
 
     True local compliances have the standard deviation ``spread``, and contain no smooth profile. Their prior,
-    whose information in the fit is inflation / spread², shifts the parameters in proportion to them.
+    whose information in the fit is inflation / spread², shifts the parameters in proportion to them; so does
+    that of the form.
 
     Returns
     -------
     ndarray, shape (parameters, parameters)
-        0 without local compliances.
+        0 without either.
     """
     inverse = np.linalg.pinv(found.hessian)
+    covariance = np.zeros_like(inverse)
+    if ("form", None) in found.parameters:
+        form = found.parameters.index(("form", None))
+        shift = inverse[:, form] * (variation.prior_inflation / FORM_PRIOR[1])  # by one standard deviation
+        covariance += np.outer(shift, shift)
     at = [k for k, (field, _) in enumerate(found.parameters) if field.startswith(LOCAL)]
     if not at or variation.spread == 0:
-        return np.zeros_like(inverse)
+        return covariance
     smooth = _smooth_basis(found.modes[0].places, ("curve", 0) in found.parameters)
     # Shift of the parameters by local compliances of one standard deviation each.
     gain = inverse[:, at] * (variation.inflation / variation.spread)
-    return np.asarray(gain @ (np.eye(len(at)) - smooth @ smooth.T) @ gain.T)
+    return np.asarray(covariance + gain @ (np.eye(len(at)) - smooth @ smooth.T) @ gain.T)
 
 
 def local_residue(mode: AxialMode, places: Array) -> Array:

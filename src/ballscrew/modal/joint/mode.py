@@ -12,14 +12,20 @@ from ballscrew.base.arrays import Array
 _MOST_DAMPING = 0.9  # damping ratio: the mode stays oscillatory
 INITIAL_DAMPING = 0.03  # damping ratio at the start of a search
 
+FORM_PRIOR = 0.5, 0.5
+"""Mean and standard deviation of the field ``form`` of :class:`AxialMode` before the run.
+
+A real screw has its mass and twist along it (1), and Eq. (3) is that of a lumped one (0): each is one
+standard deviation from the mean."""
+
 
 @dataclass(frozen=True, slots=True)
 class AxialMode:
-    """The axial mode along the axis: 1/w² = compliance (1 + slope x + curve x² + local(x)).
+    """The axial mode along the axis: 1/w² = compliance (1 + slope x + whole_curve x² + local(x)).
 
     w is the undamped angular natural frequency, x the position from the middle of the axis (m). 1/w² is the
-    compliance at the nut times the effective mass: linear in x where the screw has one thrust bearing. It is
-    called compliance here, although its unit is s².
+    compliance at the nut times the effective mass: linear in x where the screw has one thrust bearing and its
+    mass is lumped. It is called compliance here, although its unit is s².
 
     Parameters
     ----------
@@ -56,6 +62,9 @@ class AxialMode:
     rotor_part : float
         Factor of ``coupling``: the rotor's part of the total inertia with the rotor free, and 1 with the
         rotor held.
+    form, form_curve : float
+        Curve of a screw with mass and twist distributed along it, 1/m², as expected; and factor of it: 0 for
+        a lumped screw, 1 as expected.
     """
 
     compliance: float
@@ -75,6 +84,13 @@ class AxialMode:
     frame_damping: float = 0.05
     coupling: float = 0.0
     rotor_part: float = 1.0
+    form: float = 0.0
+    form_curve: float = 0.0
+
+    @property
+    def whole_curve(self) -> float:
+        """Coefficient of x² in the relative compliance along the axis, 1/m²."""
+        return self.curve + self.form * self.form_curve
 
     @property
     def frame_coupling(self) -> float:
@@ -107,7 +123,7 @@ def mode_frequency(mode: AxialMode, place: Array) -> Array:
 
 def relative_compliance(mode: AxialMode, place: Array) -> Array:
     """Compliance at positions from the middle (m), as a fraction of that in the middle."""
-    smooth = 1 + mode.slope * place + mode.curve * place**2
+    smooth = 1 + mode.slope * place + mode.whole_curve * place**2
     return np.asarray(smooth + local_compliance(mode, place))
 
 

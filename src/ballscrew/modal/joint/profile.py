@@ -21,7 +21,7 @@ from ballscrew.modal.joint.local_wear import (
     local_priors,
     with_places,
 )
-from ballscrew.modal.joint.mode import AxialMode
+from ballscrew.modal.joint.mode import FORM_PRIOR, AxialMode
 from ballscrew.modal.joint.parameters import FRAME_FIELDS
 from ballscrew.modal.joint.uncertainty import variance_inflation
 
@@ -66,6 +66,8 @@ class Profile:
         fields = ["compliance", "damping", "slope"]
         if self.curved:
             fields.append("curve")
+        else:
+            fields.append("form")
         if self.mass_over_preload > 0:
             fields.append("mass_over_preload")
         if self.pitch > 0:
@@ -73,15 +75,17 @@ class Profile:
         return (*fields, "power")
 
     def priors(self, inflation: float) -> list[Prior]:
-        """Priors of mass over preload, of the damping ratio's exponent, and of a frame's mode.
+        """Priors of mass over preload, of the damping ratio's exponent, of the form, and of a frame's mode.
 
         The exponent is 0.5 ± 0.7, between hysteresis (0) and damping in the springs (1); it can be that of
         damping in the guide (-1). ``inflation`` is a result of
         :func:`~ballscrew.modal.joint.uncertainty.variance_inflation`.
         """
         out = [Prior((("power", 1.0),), 0.5, 0.7)]
+        if not self.curved:
+            out.append(Prior((("form", 1.0),), FORM_PRIOR[0], self.scaled(FORM_PRIOR[1], inflation)))
         if self.mass_over_preload > 0:
-            deviation = self.scaled_load_deviation(inflation)
+            deviation = self.scaled(self.load_deviation, inflation)
             load = Prior((("mass_over_preload", 1.0),), math.log(self.mass_over_preload), deviation)
             out.insert(0, load)
         if self.pitch > 0:
@@ -90,14 +94,21 @@ class Profile:
             out.append(Prior((("pitch", 1.0),), math.log(self.pitch), _PITCH_DEVIATION))
         return out
 
-    def scaled_load_deviation(self, inflation: float) -> float:
-        """Standard deviation of the prior of ln(mass over preload), in proportion to the weight of the data.
+    @staticmethod
+    def scaled(deviation: float, inflation: float) -> float:
+        """Standard deviation of a prior, in proportion to the weight of the data.
 
         A fit takes its residuals for white noise, and so gives the data too much weight by the factor
         ``inflation``. The information of the prior is multiplied by the same factor: by
         SAMPLES_PER_INDEPENDENT in the fit, and by the rest here.
         """
-        return self.load_deviation * math.sqrt(SAMPLES_PER_INDEPENDENT / inflation)
+        return deviation * math.sqrt(SAMPLES_PER_INDEPENDENT / inflation)
+
+    def load_information(self, inflation: float) -> float:
+        """Information of the prior of ln(mass over preload) in the fit: the inverse of its variance there."""
+        if not self.mass_over_preload > 0:
+            return 0.0
+        return inflation / self.load_deviation**2
 
 
 def fit_profile(
@@ -127,27 +138,24 @@ def fit_profile(
     JointFit
         The last fit.
     LocalVariation
-        The local variation assumed in its priors, with the weight of the prior of mass over preload.
+        The local variation assumed in its priors, with the inflation assumed in the others.
     """
     w = blocks[0].windows
     places = tuple(sorted({cell.position - w.middle for cell in w.cells}))
-    has_load = profile.mass_over_preload > 0
+    # Of the parameters with a prior that matters, the one whose scatter shows the weight of the data.
+    shown_by = next((field for field in ("mass_over_preload", "form") if field in profile.fields), None)
     inflation = INITIAL_INFLATION
     for _ in range(_ROUNDS):
         assumed, assumed_inflation = variation, inflation
         now = _fit_once(blocks, modes, profile, places, assumed, inflation, most_steps)
         modes = now.modes
-        if has_load:
-            inflation = variance_inflation(now, now.parameters.index(("mass_over_preload", None)))
+        if shown_by is not None:
+            inflation = variance_inflation(now, now.parameters.index((shown_by, None)))
         variation = _variation(now, places, assumed, profile.curved)
         local_settled = variation.spread == 0 or _change(variation.spread, assumed.spread) < _CONVERGED
         if local_settled and _change(inflation, assumed_inflation) < 2 * _CONVERGED:
             break
-    weight = 0.0
-    if has_load:
-        deviation = profile.scaled_load_deviation(assumed_inflation)
-        weight = SAMPLES_PER_INDEPENDENT / deviation**2
-    return now, replace(assumed, load_prior_weight=weight)
+    return now, replace(assumed, prior_inflation=assumed_inflation)
 
 
 def _fit_once(

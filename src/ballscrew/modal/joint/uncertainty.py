@@ -38,10 +38,17 @@ def _cell_covariance(found: JointFit) -> Array:
     are not. It contains noise of any colour, and model errors that differ from cell to cell.
     """
     scores = np.asarray(sum(_cell_scores(found, i) for i in range(len(found.blocks))))
-    count, parameters = scores.shape
     inverse = np.linalg.pinv(found.hessian)
-    scatter = scores.T @ scores * (count / max(count - parameters, 1))
+    # Parameters that the data determine: those that priors determine count less.
+    parameters = float(np.trace(inverse @ _data_information(found)))
+    count = len(scores)
+    scatter = scores.T @ scores * (count / max(count - parameters, 1.0))
     return np.asarray(inverse @ scatter @ inverse)
+
+
+def _data_information(found: JointFit) -> Array:
+    """Information of the data, without that of the priors, shape (parameters, parameters)."""
+    return np.asarray(sum(jacobian.T @ jacobian for jacobian in found.jacobian))
 
 
 def _cell_scores(found: JointFit, index: int) -> Array:
@@ -98,7 +105,7 @@ def response_difference(found: JointFit) -> tuple[Array, Array] | None:
     if "torque-nut" not in names or "torque-motor" not in names:
         return None
     windows = found.blocks[0].windows
-    gradient = _frequency_gradient(found, names.index("torque-nut"), windows.stops)
+    gradient = _frequency_gradient(found, ROTOR_FREE, windows.stops)
     step, noise = _step_of_block(found, names.index("torque-motor"))
     nut_step, nut_noise = _step_of_block(found, names.index("torque-nut"))
     by_cell = (noise - nut_noise) @ gradient.T
@@ -116,7 +123,8 @@ def _step_of_block(found: JointFit, block: int) -> tuple[Array, Array]:
     Shapes (parameters,) and (cells, parameters).
     """
     jacobian, residual = found.jacobian[block], found.residual[block]
-    inverse = np.linalg.pinv(jacobian.T @ jacobian + _RIDGE_OF_RESPONSE * found.hessian)
+    of_priors = found.hessian - _data_information(found)
+    inverse = np.linalg.pinv(jacobian.T @ jacobian + of_priors + _RIDGE_OF_RESPONSE * found.hessian)
     step = inverse @ (jacobian.T @ residual)
     noise = residual - jacobian @ step
     scores = np.array([jacobian[rows].T @ noise[rows] for rows in found.blocks[block].rows])
@@ -158,7 +166,7 @@ class TiedCurves:
     modes : tuple of AxialMode
         One per block.
     noise, conditions : ndarray, shape (parameters, parameters)
-        Covariance by the scatter of cells, and by that of conditions.
+        Covariance by the scatter of cells, and by that of conditions and the shrinkage.
     """
 
     fit: JointFit
@@ -208,7 +216,7 @@ def tie_slopes(found: JointFit, shrinkage: Array, deviation: float, reach: float
     TiedCurves
         Unchanged modes if there is a single block.
     """
-    noise, conditions = _cell_covariance(found) + shrinkage, _condition_covariance(found) + shrinkage
+    noise, conditions = _cell_covariance(found), _condition_covariance(found) + shrinkage
     modes = found.modes
     parameters = found.parameters
     for power, field in enumerate(("slope", "curve"), start=1):
@@ -262,6 +270,8 @@ def _frequency_gradient(found: JointFit, mode_index: int, place: Array) -> Array
     for k, (field, index) in enumerate(found.parameters):
         if index == mode_index and field in derivatives:
             out[:, k] = derivatives[field]
+        elif field == "form":
+            out[:, k] = mode.form_curve * by_curve
         elif field.startswith(LOCAL):
             unit = np.zeros(len(mode.places))
             unit[stop_of(field)] = 1.0

@@ -72,7 +72,7 @@ _NOT_AVERAGED = Reason(
     "measurement", "its transients cannot be averaged: they are cut off, too short or unlike each other"
 )
 _MOVED_BY_RIPPLE = Reason(
-    "ripple", "forces that repeat with every turn of the screw move the axis more than the torque does"
+    "ripple", "forces of motor ripple or passing balls move the axis more than the torque does"
 )
 
 
@@ -151,7 +151,9 @@ def joint_result(
         tuple(replace(results[key], band_Hz=band) for key in order),
         shared_errors=_shared_errors(frequencies, order, accepted),
         mass_over_preload=mass_over_preload(
-            fit, found.variation.load_prior_weight, found.profile.mass_over_preload
+            fit,
+            found.profile.load_information(found.variation.prior_inflation),
+            found.profile.mass_over_preload,
         ),
         ripple=found.ripple,
         frame_mode=_frame_mode(found),
@@ -286,7 +288,8 @@ def _other_nut(found: SearchResult, frequencies: CellFrequencies) -> Reason | No
 
     The load is expected from data sheet and frequency. A nut softens until the load unloads it and stiffens
     beyond, so two loads over preload can explain the responses about equally well. If the fit found the wrong
-    one, the frequencies of all cells have errors, since they lie on the same curve.
+    one, the frequencies of all cells have errors, since they lie on the same curve. The load by the run is
+    not lower than by the data sheet's lower limit, so the expected one is rather too high, never too low.
     """
     fitted, highest = found.fit.modes[0].mass_over_preload, float(frequencies.nut_load.max())
     if not fitted > 0:
@@ -321,9 +324,9 @@ def _responses_differ(fit: JointFit, frequencies: CellFrequencies) -> Reason | N
 
 
 def _moved_by_ripple(fit: JointFit) -> bool:
-    """True if ripple moves the axis more than the torque does."""
-    # The last columns are the responses of the mode to each force of the ripple.
-    solved, count = fit.solved[0], fit.blocks[0].ripple.shape[1]
+    """True if ripple and passing balls move the axis more than the torque does."""
+    # The last columns are the ripple in the band, and the response of the mode to it.
+    solved, count = fit.solved[0], 2 * fit.blocks[0].ripple.shape[1]
     if count == 0:
         return False
     by_ripple = float(np.sum((solved.columns[:, -count:] @ solved.weights[-count:]) ** 2))
@@ -359,7 +362,7 @@ def _run_refusal(found: SearchResult, settings: JointSettings) -> Reason | None:
         )
     ends = mode_frequency(mode, np.array([w.place.min(), w.place.max()]))
     if not (ends > _EDGE_LOW * w.band.low).all() or not (ends < _EDGE_HIGH * w.band.high).all():
-        text = f"the mode found, {ends[1]:.0f} to {ends[0]:.0f} Hz, lies at the edge of the search band"
+        text = f"the mode found, {ends.min():.0f} to {ends.max():.0f} Hz, lies at the edge of the search band"
         return Reason("no-mode", text)
     if mode.damping > _MOST_DAMPING:
         text = f"the mode found has a damping ratio of {mode.damping:.2f}: too high for a resonance"
