@@ -1057,7 +1057,7 @@ def test_a_spool_that_cannot_be_locked_for_a_while_is_named_and_sent_later(
     assert len(server.runs) == 1
     (sentence,) = scene.sentences
     assert sentence.startswith(f"{settings.spool}: ")
-    assert "Input/output error" in sentence
+    assert "Input/output error." in sentence
 
 
 def test_a_file_that_goes_and_comes_begins_to_settle_when_it_comes(folder: Path) -> None:

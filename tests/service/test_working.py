@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import logging
 import multiprocessing
@@ -472,15 +473,16 @@ def test_a_job_that_waits_is_not_added_again(client: TestClient, service: Servic
 def test_a_job_that_another_worker_takes_first_is_not_leased_again(
     client: TestClient, service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Between the look and the lease."""
+    """Between the look and the lease, which takes time."""
     send(client)
-    write, found, now = service.store.write, [], time.time()
+    write, found = service.store.write, []
+    times = itertools.count(time.time(), 0.01)
 
     def write_later(*given: str) -> object:
         monkeypatch.setattr(service.store, "write", write)
-        found.append(lease_job(service, lambda: now))
+        found.append(lease_job(service, lambda: next(times)))
         return write(*given)
 
     monkeypatch.setattr(service.store, "write", write_later)
-    assert lease_job(service, lambda: now) is None
+    assert lease_job(service, lambda: next(times)) is None
     assert found[0] is not None

@@ -117,12 +117,10 @@ def anything(value: Any, where: str) -> Any:  # noqa: ARG001
     return value
 
 
-def record(kinds: Mapping[str, Field], *, optional: bool = False) -> Field:
+def record(kinds: Mapping[str, Field]) -> Field:
     """An object in which each of these keys is required."""
 
     def read(value: Any, where: str) -> Any:
-        if optional and value is None:
-            return None
         return fields(kinds, value, where, required=tuple(kinds))
 
     return read

@@ -257,8 +257,14 @@ def _write_preloads(
         target = source.with_suffix(".preload.json")
         made_settings = asdict(settings.assumptions) | {"accept": sorted(set(accept))}
         try:
-            if _is_current(target, run, baseline, model, made_settings):
-                continue
+            is_current = _is_current(target, run, baseline, model, made_settings)
+        except InputError as error:  # which names the file by its path or its name
+            text = str(error).removeprefix(f"{target}: ").removeprefix(f"{target.name}: ")
+            failures.append(f"{target}: {text}")
+            continue
+        if is_current:
+            continue
+        try:
             estimate = preload(run, axis, baseline, assumptions=settings.assumptions, accept=accept)
         except InputError as error:
             failures.append(f"{target}: {error}")

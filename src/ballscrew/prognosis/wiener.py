@@ -69,7 +69,9 @@ def _thinned(*columns: Array) -> tuple[Array, ...]:
 def _fit(t: Array, loss: Array, spread: Array, warmer: Array, day: float) -> tuple[Array, Array, float]:
     """Position and drift on a day, their covariance, and the diffusion, by maximum likelihood."""
     columns = [np.ones_like(t), t - day]
-    if np.ptp(warmer) > 0 and len(t) > len(columns) + 1:
+    with_warmth = np.column_stack([*columns, warmer])
+    # A temperature that only drifts in time is not separable from the wear.
+    if len(t) > with_warmth.shape[1] and np.linalg.matrix_rank(with_warmth) == with_warmth.shape[1]:
         columns.append(warmer)
     design = np.column_stack(columns)
     common = np.minimum(t[:, None], t[None, :]) - t[0]

@@ -208,7 +208,8 @@ def rate_from_time(time: Array) -> float:
     """
     # Over many samples, since a logger's milliseconds are coarse; trimmed, since some contain a gap.
     step = max(1, time.size // 16)
-    spans = time[step:] - time[:-step]
+    with np.errstate(invalid="ignore"):  # of times that are not finite
+        spans = time[step:] - time[:-step]
     spans = np.sort(spans[np.isfinite(spans)])
     cut = spans.size // 10
     if not spans.size:

@@ -316,7 +316,9 @@ class _Sender:
                     delay = self._send_each()
                 else:
                     delay = DelayError(f"{self.spool.folder}: another process sends from this spool.")
-        except (OSError, InputError) as error:
+        except OSError as error:
+            delay = DelayError(f"{self.spool.folder}: {error.strerror or error}.")
+        except InputError as error:
             delay = DelayError(f"{self.spool.folder}: {error}")
         if delay is None or len(self.sent) > before:
             self._failures = 0

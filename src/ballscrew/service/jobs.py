@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import func, or_, select
+from sqlalchemy import Select, func, or_, select
 from sqlalchemy.orm import Session
 
 from ballscrew.service.serving import Service
@@ -99,20 +99,26 @@ def lease_job(service: Service, clock: Clock = time.time) -> Lease | None:
     Lease or None
         None if no job is due.
     """
-    at, settings = clock(), service.settings
-    has_paused = or_(JobRow.not_before <= at, JobRow.not_before > at + _LONGEST_PAUSE)
-    lease_has_ended = or_(JobRow.lease_until <= at, JobRow.lease_until > at + settings.lease_s)
-    due = (JobRow.set_aside.is_(False), has_paused, or_(JobRow.lease_until.is_(None), lease_has_ended))
-    found = select(JobRow).where(*due).order_by(JobRow.priority, JobRow.id).limit(1)
+    lease_s = service.settings.lease_s
     with service.store.read() as session:
-        if session.scalar(found) is None:
+        if session.scalar(_next_job(clock(), lease_s)) is None:
             return None
     with service.store.write("lease") as session:
-        row = session.scalar(found)
+        # Not the time of before: a lease made meanwhile would end later than it can.
+        at = clock()
+        row = session.scalar(_next_job(at, lease_s))
         if row is None:
             return None
-        row.lease, row.lease_until = secrets.token_hex(8), at + settings.lease_s
+        row.lease, row.lease_until = secrets.token_hex(8), at + lease_s
         return Lease(row.id, row.lease, row.kind, row.argument)
+
+
+def _next_job(at: float, lease_s: float) -> Select[JobRow]:
+    """Query of the job that is leased next at a time (s since 1970)."""
+    has_paused = or_(JobRow.not_before <= at, JobRow.not_before > at + _LONGEST_PAUSE)
+    lease_has_ended = or_(JobRow.lease_until <= at, JobRow.lease_until > at + lease_s)
+    due = (JobRow.set_aside.is_(False), has_paused, or_(JobRow.lease_until.is_(None), lease_has_ended))
+    return select(JobRow).where(*due).order_by(JobRow.priority, JobRow.id).limit(1)
 
 
 def is_current(session: Session, lease: Lease) -> JobRow | None:

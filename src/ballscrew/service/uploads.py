@@ -168,8 +168,11 @@ async def _write(request: Request, service: Service, path: Path, part: Part) -> 
             stream.seek(size)
             async for block in _blocks(request, service):
                 size += len(block)
-                if size > min(part.stop or size, service.settings.max_file_bytes):
+                if size > service.settings.max_file_bytes:
                     raise _too_large(service)
+                if part.stop is not None and size > part.stop:
+                    text = f"the part is longer than Content-Range states, which ends at {part.stop}."
+                    raise RefusedError(UNPROCESSABLE, text)
                 await run_in_threadpool(stream.write, block)
             await run_in_threadpool(stream.flush)
     except OSError as error:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.model import moving_mass, screw_part
-from ballscrew.modal.joint.initial import expected_mass_over_preload
+from ballscrew.axis.rod import rod_frequency
+from ballscrew.modal.joint.initial import expected_mass_over_preload, initial_values, typical_form_curve
+from ballscrew.modal.joint.mode import mode_frequency
 from ballscrew.testbed.example import AXIS, LOAD
 
 POSITION = 0.2
@@ -47,3 +51,36 @@ def test_a_sheet_far_beyond_its_tolerances_determines_no_preload(error: float) -
     )
     assert math.isfinite(value)
     assert deviation > 0.3
+
+
+def test_with_a_form_of_1_the_mode_follows_the_finite_elements_of_the_screw() -> None:
+    places = np.linspace(-0.2, 0.2, 9)
+    exact = np.array([rod_frequency(AXIS, POSITION + place, LOAD) for place in places])
+    expected_mode = initial_values(AXIS, LOAD, POSITION - 0.2, POSITION + 0.2).mode(0)
+
+    def largest_error(form: float) -> float:
+        """Of the frequency, relative, with the compliance and slope that fit best."""
+        curve = form * expected_mode.form_curve
+        powers = np.vander(places, 2) / exact[:, None] ** -2
+        basis = np.column_stack([powers[:, 0], powers[:, 1] * (1 + curve * places**2)])
+        slope, middle = np.linalg.lstsq(basis, np.ones(len(places)), rcond=None)[0]
+        mode = replace(expected_mode, compliance=middle / (2 * np.pi) ** 2, slope=slope / middle, form=form)
+        return float(np.abs(mode_frequency(mode, places) / exact - 1).max())
+
+    assert largest_error(1.0) < 2e-4
+    assert largest_error(0.0) > 5 * largest_error(1.0)
+
+
+def test_a_screw_with_both_ends_fixed_has_a_free_curve_and_no_form() -> None:
+    found = initial_values(replace(AXIS, support="fixed-fixed"), LOAD, 0.0, 0.4)
+    assert found.curved
+    assert found.form_curves == (0.0, 0.0)
+
+
+def test_without_a_data_sheet_a_line_errs_by_two_thousandths_at_the_ends() -> None:
+    half = 0.3
+    places = np.linspace(-half, half, 201)
+    compliance = 1 + typical_form_curve(0.0, 2 * half) * places**2
+    line = np.polyval(np.polyfit(places, compliance, 1), places)
+    error = np.sqrt(compliance / line)[-1] - 1  # of the line's frequency
+    assert error == pytest.approx(2e-3, rel=0.05)

@@ -10,9 +10,15 @@ from tests.modal.joint.conftest import SmallRun
 from tests.modal.joint.test_ripple import first_fit
 
 from ballscrew.modal.joint.blocks import make_block
-from ballscrew.modal.joint.fit import JointFit, fit_blocks
-from ballscrew.modal.joint.mode import mode_frequency
-from ballscrew.modal.joint.uncertainty import _condition_covariance, response_difference, tie_slopes
+from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit, Prior, fit_blocks
+from ballscrew.modal.joint.local_wear import LocalVariation, shrinkage_covariance
+from ballscrew.modal.joint.mode import FORM_PRIOR, mode_frequency
+from ballscrew.modal.joint.uncertainty import (
+    _cell_covariance,
+    _condition_covariance,
+    response_difference,
+    tie_slopes,
+)
 from ballscrew.modal.joint.windows import select_cells
 
 
@@ -101,3 +107,32 @@ def test_the_scatter_of_conditions_needs_two_of_them(both: JointFit) -> None:
     size = len(alone.parameters)
     np.testing.assert_array_equal(_condition_covariance(alone), np.zeros((size, size)))
     assert (np.diag(_condition_covariance(both)) > 0).all()
+
+
+def with_form(both: JointFit, deviation: float | None) -> JointFit:
+    """The fit with the form of a screw, which is not fitted, or with a prior of this standard deviation."""
+    mode = replace(both.modes[0], form=FORM_PRIOR[0], form_curve=0.05)
+    fields: tuple[str, ...] = ("compliance", "damping", "slope")
+    if deviation is None:
+        return fit_blocks(both.blocks, (mode,), fields)
+    prior = Prior((("form", 1.0),), FORM_PRIOR[0], deviation)
+    return fit_blocks(both.blocks, (mode,), (*fields, "form"), (prior,))
+
+
+def test_a_parameter_that_its_prior_determines_does_not_count_as_one_of_the_data(both: JointFit) -> None:
+    """And neither widens nor narrows the others."""
+    fitted, fixed = with_form(both, 1e-6), with_form(both, None)
+    others = [fitted.parameters.index(parameter) for parameter in fixed.parameters]
+    covariance = _cell_covariance(fitted)[np.ix_(others, others)]
+    assert covariance == pytest.approx(_cell_covariance(fixed), rel=1e-2, abs=1e-3 * covariance.max())
+
+
+@pytest.mark.parametrize(("inflation", "expected"), [(1e9, 1.0), (1e-9, 0.0)])
+def test_the_form_is_uncertain_by_its_prior_as_far_as_no_data_determine_it(
+    both: JointFit, inflation: float, expected: float
+) -> None:
+    deviation = FORM_PRIOR[1] * float(np.sqrt(SAMPLES_PER_INDEPENDENT / inflation))
+    found = with_form(both, deviation)
+    covariance = shrinkage_covariance(found, LocalVariation(0.0, 1.0, prior_inflation=inflation))
+    form = found.parameters.index(("form", None))
+    assert covariance[form, form] == pytest.approx(expected * FORM_PRIOR[1] ** 2, abs=1e-3)

@@ -54,7 +54,8 @@ _LEAST_CRUISE = 0.03  # s
 def time_rate(time: Array) -> float | None:
     """Sample rate of a time column between its gaps, Hz; None where the times do not increase."""
     step = max(1, (len(time) - 1) // 16)
-    spans = time[step:] - time[:-step]
+    with np.errstate(invalid="ignore"):  # of times that are not finite
+        spans = time[step:] - time[:-step]
     spans = spans[np.isfinite(spans)]
     if not len(spans):
         return None

@@ -234,11 +234,6 @@ def _shown(value: str, language: str) -> str:
     return value
 
 
-def since(text: str, at: datetime) -> float:
-    """Days from a time to another."""
-    return (at - moment(text, "a time")).total_seconds() / 86400
-
-
 @cache
 def _assets() -> Mapping[str, tuple[bytes, str, str]]:
     """Content, digest and type of each static file."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from urllib.parse import urlsplit
-
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
@@ -33,11 +31,7 @@ def local_address(text: str) -> str:
     is_plain = text.isprintable() and "\\" not in text
     if not is_plain or not text.startswith("/") or text.startswith("//"):
         return "/"
-    try:
-        parts = urlsplit(text)
-    except ValueError:
-        return "/"
-    return "/" if parts.scheme or parts.netloc else text
+    return text
 
 
 @router.get("/sign-in")
