@@ -80,7 +80,9 @@ def test_an_exponential_is_extrapolated() -> None:
 
 def test_a_temperature_that_only_drifts_is_not_separated_from_the_wear() -> None:
     plain = line(0.001)
-    drifting = preload_history(plain.days, plain.level, plain.level_uncertainty, temperature=20 + 0.1 * plain.days)
+    drifting = preload_history(
+        plain.days, plain.level, plain.level_uncertainty, temperature=20 + 0.1 * plain.days
+    )
     expected = WienerProcess().forecast(plain, HALF).quantile([0.05, 0.5, 0.95])
     assert WienerProcess().forecast(drifting, HALF).quantile([0.05, 0.5, 0.95]) == pytest.approx(expected)
 
