@@ -8,6 +8,7 @@ no servo damps it: a third of the cells is refused for its phase, and the rest i
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,10 +17,10 @@ from tests.modal.conftest import RATE, STOPS, cell_of, estimate, table_of
 from tests.modal.plant import MOTION, Plant, trip, way
 
 from ballscrew.fcft.conditions import Condition
-from ballscrew.modal.paper.cell import _amplification
+from ballscrew.modal.paper.cell import _amplification, _obstacle
 from ballscrew.modal.paper.peak import Peak
 from ballscrew.modal.paper.settings import PaperSettings
-from ballscrew.modal.paper.window import LEAST
+from ballscrew.modal.paper.window import LEAST, Extent
 from ballscrew.modal.spectra import Spectra
 
 DEFAULT = PaperSettings()
@@ -261,3 +262,12 @@ def test_the_height_of_a_peak_is_relative_to_the_frf_far_below_it(lowest, known)
     spectra = Spectra(f, np.ones(len(f)), flat[None] ** 2, flat[None].astype(complex), 3)
     found = _amplification(Peak(150.0, 24.0, at_edge=False), spectra)
     assert found == pytest.approx(12.0) if known else np.isnan(found)
+
+
+@pytest.mark.parametrize(("missing", "suffices"), [(0, True), (1, False)])
+def test_a_window_of_the_least_length_suffices_though_it_ends_on_a_sample(
+    missing: int, suffices: bool
+) -> None:
+    rate, centre = 5000.0, 150.0
+    after = math.floor(LEAST * rate / centre) - missing
+    assert (_obstacle((100.0, 200.0), Extent(10, after), rate, centre) is None) == suffices

@@ -158,7 +158,7 @@ def _band(expected: float | None, settings: PaperSettings) -> tuple[tuple[float,
 
 def _obstacle(band: tuple[float, float], window: Extent, rate: float, centre: float) -> str | None:
     """Why the window or the sampling rate does not suffice; None if they do."""
-    if window.after < LEAST * rate / centre:
+    if window.after < LEAST * rate / centre - 0.5:  # a window of the least length ends on a sample
         cut = window.after / rate * 1e3
         return f"the ringing is cut off: another phase or the record's end comes {cut:.0f} ms later"
     if band[1] > _USABLE * rate:
