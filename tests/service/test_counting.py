@@ -399,7 +399,7 @@ def test_a_correction_states_by_whom_it_was_made(client: TestClient, service: Se
     assert (again.status_code, "was corrected already" in again.json()["detail"]) == (422, True)
 
 
-@pytest.mark.parametrize("measured_at", [FUTURE, RUNS[4].measured_at])
+@pytest.mark.parametrize("measured_at", [FUTURE, RUNS[4].measured_at], ids=["future", "past"])
 def test_a_bad_run_of_a_doubtful_time_is_a_trouble_of_the_time_at_which_it_came(
     client: TestClient, measured_at: str
 ) -> None:
