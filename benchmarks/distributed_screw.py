@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import math
 import tempfile
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -183,11 +183,6 @@ class Machine:
     sheet: DataSheet
     load: float
     seed: int
-    random: np.random.Generator = field(init=False)
-
-    def __post_init__(self) -> None:
-        """A stream of random numbers."""
-        object.__setattr__(self, "random", np.random.default_rng([self.seed, 991]))
 
     @property
     def beta(self) -> float:
@@ -258,7 +253,7 @@ class Machine:
 
     def numbers(self, middle: float) -> tuple[Array, Array, float]:
         """Numbers and waves of :func:`integrate`, and the torque of the noise, N m."""
-        r, sheet, beta = self.random, self.sheet, self.beta
+        r, sheet, beta = np.random.default_rng([self.seed, 991]), self.sheet, self.beta
         stretch, twist, mass, inertia = self.screw()
         nut, approach, bearing, bearing_approach = self.contacts()
         element = sheet.screw.length / ELEMENTS
@@ -298,7 +293,7 @@ class Machine:
         move, lead = profile(plan, paced), random.uniform(0.02, 0.22)
         points = set_points(move, np.arange(int((move.duration + lead + 0.05) * RATE)) / RATE - lead)
         middle = self.frequency((plan.positions[0] + plan.positions[-1]) / 2)
-        numbers, waves, torque = replace(self).numbers(middle)
+        numbers, waves, torque = self.numbers(middle)
         stretch, _, mass, _ = self.screw()
         element = self.sheet.screw.length / ELEMENTS
         nut = 6 * self.contacts()[0] * math.sqrt(self.contacts()[1]) / (mass * element)

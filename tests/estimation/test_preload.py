@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from tests.estimation.made_runs import LOAD, MODEL, calibrated, run_of
 from tests.monitoring.histories import unloading
 
+import ballscrew.estimation.preload as preload_module
 from ballscrew.axis.compliance import equivalent_preload_ratio
 from ballscrew.axis.hertz import RELEASE
 from ballscrew.base.errors import InputError
@@ -22,6 +24,7 @@ from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.frequency_table import common_doubts
 from ballscrew.estimation.nut import nut_evidence
 from ballscrew.estimation.preload import preload
+from ballscrew.estimation.samples import share_uncertainty
 from ballscrew.estimation.verdict import doubts_of_cells
 from ballscrew.modal.reason import Reason, ReasonKind
 from ballscrew.modal.run import FrameMode, Run
@@ -588,3 +591,23 @@ def test_without_a_baseline_a_nut_without_an_upper_end_is_refused() -> None:
     found = preload(run_of(1.5), calibrated(), assumptions=loose)
     assert (found.verdict, found.relative_to_model) == ("refused", None)
     assert found.reasons[0].startswith("the interval of the preload has no upper end")
+
+
+def test_the_check_of_the_load_has_the_whole_uncertainty_of_the_nuts_share(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With a share that is known badly, a load has to be wrong by more before the preload shows it."""
+    sensitivities = []
+    check = preload_module.check_mass
+
+    def check_mass(masses: Any, causes: Any, sensitivity: float, assumptions: Assumptions) -> Any:
+        sensitivities.append(sensitivity)
+        return check(masses, causes, sensitivity, assumptions)
+
+    monkeypatch.setattr(preload_module, "check_mass", check_mass)
+    model = calibrated()
+    for share in (0.02, 0.5):
+        preload(run_of(0.5), model, run_of(1.0), assumptions=Assumptions(share=share))
+    small, large = (share_uncertainty(model, Assumptions(share=share)) for share in (0.02, 0.5))
+    assert sensitivities[1] < sensitivities[0]
+    assert sensitivities[0] / sensitivities[1] <= large / small

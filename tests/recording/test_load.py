@@ -218,3 +218,9 @@ def test_what_a_reader_of_another_package_gives_is_checked(values: object) -> No
         InputError, match=r"a\.h5: the reader gave no row of numbers for the channel 'torque'"
     ):
         _check_values(Path("a.h5"), "torque", values)
+
+
+def test_times_that_are_not_finite_are_left_out_of_the_rate_without_a_warning() -> None:
+    time = np.arange(1600) / 100.0
+    time[[200, 300]] = np.inf  # with a step of 100 samples, one is subtracted from the other
+    assert rate_from_time(time) == pytest.approx(100.0)

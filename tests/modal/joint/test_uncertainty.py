@@ -16,6 +16,7 @@ from ballscrew.modal.joint.mode import FORM_PRIOR, mode_frequency
 from ballscrew.modal.joint.uncertainty import (
     _cell_covariance,
     _condition_covariance,
+    _frequency_gradient,
     response_difference,
     tie_slopes,
 )
@@ -136,3 +137,22 @@ def test_the_form_is_uncertain_by_its_prior_as_far_as_no_data_determine_it(
     covariance = shrinkage_covariance(found, LocalVariation(0.0, 1.0, prior_inflation=inflation))
     form = found.parameters.index(("form", None))
     assert covariance[form, form] == pytest.approx(expected * FORM_PRIOR[1] ** 2, abs=1e-3)
+
+
+def test_the_gradient_by_the_form_is_the_difference_quotient(both: JointFit) -> None:
+    fit = with_form(both, 0.5)
+    place, step = np.array([-0.2, -0.05, 0.1]), 1e-5
+    mode = fit.modes[0]
+    shifted = [mode_frequency(replace(mode, form=mode.form + sign * step), place) for sign in (1, -1)]
+    form = fit.parameters.index(("form", None))
+    assert _frequency_gradient(fit, 0, place)[:, form] == pytest.approx(
+        (shifted[0] - shifted[1]) / (2 * step), rel=1e-6
+    )
+
+
+def test_a_parameter_that_its_prior_determines_blurs_no_comparison_of_responses(both: JointFit) -> None:
+    """As noise of its own step, from a single response, would."""
+    fitted, fixed = (response_difference(with_form(both, deviation)) for deviation in (0.1, None))
+    assert fitted is not None
+    assert fixed is not None
+    assert fitted[1] == pytest.approx(fixed[1], rel=0.02)  # without the prior up to 57 % larger

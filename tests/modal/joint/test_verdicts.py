@@ -16,6 +16,7 @@ from ballscrew.modal.joint.profile import Profile
 from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.verdicts import (
+    _moved_by_ripple,
     _other_nut,
     _reason_of_worst_cell,
     _responses_differ,
@@ -115,7 +116,8 @@ def test_a_run_that_the_mode_explains_too_little_of_is_refused(
 
 
 @pytest.mark.parametrize(
-    ("frequencies", "refused"), [((440.0, 300.0), True), ((300.0, 92.0), True), ((300.0, 150.0), False)]
+    ("frequencies", "refused"),
+    [((440.0, 300.0), True), ((300.0, 440.0), True), ((300.0, 92.0), True), ((300.0, 150.0), False)],
 )
 def test_a_mode_at_the_edge_of_the_search_band_is_refused(
     frequencies: tuple[float, float], refused: bool, monkeypatch: pytest.MonkeyPatch
@@ -149,3 +151,15 @@ def test_all_cells_are_suspect_if_either_mode_may_be_that_of_the_frame(
     reasons = _run_reasons(found, cast(CellFrequencies, None))
     assert [reason.kind for reason in reasons] == ([] if distinct else ["frame"])
     assert all("the machine's frame has a mode near 41 Hz" in reason.text for reason in reasons)
+
+
+@pytest.mark.parametrize(
+    ("direct", "by_mode", "moved"), [(0.0, 0.9, False), (0.0, 1.1, True), (1.1, 0.0, True), (0.8, 0.8, True)]
+)
+def test_ripple_in_the_band_counts_as_much_as_the_response_of_the_mode_to_it(
+    direct: float, by_mode: float, moved: bool
+) -> None:
+    """The columns are those of the torque, of the ripple itself, and of the mode's response to it."""
+    solved = SimpleNamespace(columns=np.eye(3), weights=np.array([[1.0], [direct], [by_mode]]))
+    fit = SimpleNamespace(solved=(solved,), blocks=(SimpleNamespace(ripple=np.empty((3, 1))),))
+    assert _moved_by_ripple(cast(JointFit, fit)) == moved

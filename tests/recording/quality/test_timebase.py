@@ -102,3 +102,9 @@ def test_the_plan_tells_a_wrong_rate_from_another_speed_or_scale(timing, gain, c
     assert confirmed is is_sure
     if codes == ["rate"] and not is_sure:
         assert "or another motion was run" in findings[0].message
+
+
+def test_times_that_are_not_finite_are_left_out_of_the_rate_without_a_warning() -> None:
+    time = np.arange(1600) / 100.0
+    time[[200, 299]] = np.inf  # with a step of 99 samples, one is subtracted from the other
+    assert time_rate(time) == pytest.approx(100.0)

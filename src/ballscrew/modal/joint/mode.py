@@ -63,8 +63,8 @@ class AxialMode:
         Factor of ``coupling``: the rotor's part of the total inertia with the rotor free, and 1 with the
         rotor held.
     form, form_curve : float
-        Curve of a screw with mass and twist distributed along it, 1/m², as expected; and factor of it: 0 for
-        a lumped screw, 1 as expected.
+        Factor of ``form_curve``: 0 for a lumped screw, 1 for one whose mass and twist are distributed along
+        it as expected; and the expected curve of such a screw, 1/m².
     """
 
     compliance: float

@@ -142,14 +142,16 @@ def fit_profile(
     """
     w = blocks[0].windows
     places = tuple(sorted({cell.position - w.middle for cell in w.cells}))
-    # Of the parameters with a prior that matters, the one whose scatter shows the weight of the data.
-    shown_by = next((field for field in ("mass_over_preload", "form") if field in profile.fields), None)
+    # The parameter whose scatter shows the weight of the data: a run without a data sheet has a form.
+    shown_by = "form"
+    if profile.mass_over_preload > 0:
+        shown_by = "mass_over_preload"
     inflation = INITIAL_INFLATION
     for _ in range(_ROUNDS):
         assumed, assumed_inflation = variation, inflation
         now = _fit_once(blocks, modes, profile, places, assumed, inflation, most_steps)
         modes = now.modes
-        if shown_by is not None:
+        if shown_by in profile.fields:
             inflation = variance_inflation(now, now.parameters.index((shown_by, None)))
         variation = _variation(now, places, assumed, profile.curved)
         local_settled = variation.spread == 0 or _change(variation.spread, assumed.spread) < _CONVERGED
