@@ -188,3 +188,32 @@ def test_an_undeclared_load_is_as_large_as_a_part_of_the_moving_mass() -> None:
     for known in (None, masses):
         evidence = gather_evidence(change, known, Assumptions(wrong_load=0.02))
         assert evidence.sizes["load"] == pytest.approx(0.02 * (MODEL.mass + LOAD))
+
+
+@pytest.mark.parametrize("hidden", [-8.0, 8.0])
+@pytest.mark.parametrize(
+    ("ratio", "bearing", "cause"), [(0.7, 1.0, "nut"), (1.0, 0.93, "bearing"), (0.7, 0.9, "both")]
+)
+def test_nut_and_bearing_are_compared_without_the_effect_of_a_wrong_load(
+    ratio: float, bearing: float, cause: str, hidden: float
+) -> None:
+    value = softening(ratio).value * (1 + hidden / (MODEL.mass + LOAD))
+    run = run_of(
+        ratio,
+        uncertainty=1e-4,
+        true_load=LOAD + hidden,
+        softer=lambda x: (1 / bearing - 1) * BEARING / (1 + MODEL.slope * (x - MODEL.centre)),
+        mass_over_preload_kg_per_N=Quantity(value, 0.1 * value, "kg/N"),
+    )
+    base = run_of(name="base", uncertainty=1e-4, mass_over_preload_kg_per_N=softening(1.0))
+    found = preload(run, MODEL_, base)
+    assert found.mass is not None
+    assert found.mass.decision == "corrected"
+    assert found.causes[0].name == "load"
+    assert found.nut_or_bearing is not None
+    probability = {name: getattr(found.nut_or_bearing, name) for name in ("nut", "bearing", "both")}
+    assert probability[cause] > 0.8
+    assert sum(probability.values()) == pytest.approx(1.0)
+    assert found.relative_to_baseline is not None
+    assert found.relative_to_baseline.value == pytest.approx(ratio, rel=0.02)
+    assert not any("than declared" in note for note in found.notes)

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.estimation.made_runs import calibrated, run_of
+from tests.estimation.made_runs import LOAD, calibrated, run_of
 
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.estimation.causes import PossibleCause
-from ballscrew.estimation.inflation import LOCAL, UNEXPLAINED, inflate_uncertainty
+from ballscrew.estimation.inflation import GRADIENT, LOCAL, UNEXPLAINED, inflate_uncertainty
 from ballscrew.estimation.preload import preload
 
 BASE = run_of(name="base")
@@ -81,3 +81,17 @@ def test_a_misfit_that_another_cause_explains_inflates_nothing() -> None:
     assert inflate_uncertainty(fused, evidence, [moved], Assumptions()) == fused
     nothing = inflate_uncertainty(fused, evidence, [replace(moved, possible=False)], Assumptions())
     assert nothing.terms.keys() - fused.terms.keys() == {UNEXPLAINED}
+
+
+def test_the_misfit_of_a_run_with_a_wrong_load_is_that_without_its_effect() -> None:
+    spreads = []
+    for hidden in (8.0, -8.0):
+        run = run_of(lambda x: 0.8 + 0.9 * x, true_load=LOAD + hidden, uncertainty=1e-4)
+        base = run_of(name="base", uncertainty=1e-4)
+        found = preload(run, calibrated(), base, assumptions=Assumptions(torque_trusted=True))
+        assert found.mass is not None
+        assert found.mass.decision == "corrected"
+        assert any("the likeliest cause is a screw that is warmer" in reason for reason in found.reasons)
+        assert found.terms[0].name == GRADIENT
+        spreads.append(found.terms[0].standard_uncertainty)
+    assert spreads[0] == pytest.approx(spreads[1], rel=0.1)

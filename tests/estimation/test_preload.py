@@ -611,3 +611,12 @@ def test_the_check_of_the_load_has_the_whole_uncertainty_of_the_nuts_share(
     small, large = (share_uncertainty(model, Assumptions(share=share)) for share in (0.02, 0.5))
     assert sensitivities[1] < sensitivities[0]
     assert sensitivities[0] / sensitivities[1] <= large / small
+
+
+def test_newtons_that_are_hardly_known_are_a_reason_to_doubt_the_nut() -> None:
+    found = preload(run_of(1.0), calibrated(preload=0.9), BASE)
+    assert found.preload_N is not None
+    assert found.preload_N.interval[1] > 8 * found.preload_N.interval[0]
+    assert (found.verdict, found.nut_verdict) == ("good", "suspect")
+    assert any("the interval of the preload in newtons is too wide" in reason for reason in found.nut_reasons)
+    assert preload(run_of(1.0), calibrated(), BASE).nut_reasons == ()

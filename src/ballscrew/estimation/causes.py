@@ -26,7 +26,6 @@ from ballscrew.estimation.fusion import misfit
 UNITS: Mapping[str, str] = {"load": "kg", "position": "m"}
 """Units of the amounts by cause; the others are ratios."""
 
-_COMPARED_TERMS = (DECLARED_LOAD, POSITION)  # error terms of the cells that are compared as causes here
 _SIMILAR_TO_NUT = ("nut", "bearing", "position", "temperature")
 """Causes whose signature along the axis is nearly that of the nut: a fit of both would not separate them."""
 
@@ -185,6 +184,7 @@ def gather_evidence(
     temperature_difference: float | None = None,
     model_covariance: Array | None = None,
     softening: tuple[float, float] | None = None,
+    load_corrected: bool = False,
 ) -> CauseEvidence:
     """Observations of a run, and the signature of each cause in them.
 
@@ -202,6 +202,9 @@ def gather_evidence(
         Of the model's working vector, where the reference is the model.
     softening : (float, float), optional
         u − 1 of the nut by its softening under load, and its standard uncertainty.
+    load_corrected : bool
+        Whether ``change`` is corrected for a wrong load: the load is then no cause, and its remaining error
+        is part of the covariance.
 
     Returns
     -------
@@ -209,7 +212,11 @@ def gather_evidence(
         For :func:`compare_causes`.
     """
     priors = assumptions.priors
-    cells = change_covariance(change, without=_COMPARED_TERMS)
+    # An error term that is compared as a cause has a signature, and is no part of the covariance.
+    compared_terms = [POSITION]
+    if not load_corrected:
+        compared_terms.append(DECLARED_LOAD)
+    cells = change_covariance(change, without=compared_terms)
     all_errors = change_covariance(change, floor=False)
     if model_covariance is not None and change.by_parameters is not None:
         by_model = change.by_parameters.T @ model_covariance @ change.by_parameters
@@ -241,8 +248,9 @@ def gather_evidence(
         # A bearing that is stiffer by a part δ is more compliant by −δ.
         "bearing": in_cells(-sizes["bearing"] * change.bearing),
         "both": in_cells(-sizes["both"] * change.bearing),  # the nut is added in the fit
-        "load": (sizes["load"] * np.concatenate([change.by_load, by_load]))[None],
     }
+    if not load_corrected:
+        signatures["load"] = (sizes["load"] * np.concatenate([change.by_load, by_load]))[None]
     if masses is not None:
         sizes["torque"] = assumptions.torque_constant
         signatures["torque"] = (sizes["torque"] * np.concatenate([np.zeros(count), by_torque]))[None]

@@ -21,14 +21,19 @@ from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.anchors import SOFTENING_REPEATS
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
-from ballscrew.estimation.causes import UNDECIDED, PossibleCause, describe_cause
+from ballscrew.estimation.causes import (
+    UNDECIDED,
+    CauseEvidence,
+    PossibleCause,
+    compare_causes,
+    describe_cause,
+)
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
 from ballscrew.modal.cell import CellResult
 from ballscrew.modal.run import SOFTENING_SPREAD, Run
 
 _NUT_AND_BEARING = ("nut", "bearing", "both")
-_LEAST_PROBABILITY = 1e-300  # in a divisor
 _UPPER_95 = 1.645  # standard deviations from the mean to a one-sided 95 % limit
 # Difference of two results, in its standard uncertainties, beyond which they exclude each other; a larger
 # one is chance in one of a hundred runs.
@@ -98,10 +103,12 @@ class NutOrBearing:
         return {"identifiable": self.identifiable, **probabilities, "text": self.text}
 
 
-def attribute_change(
-    causes: Sequence[PossibleCause], evidence: NutEvidence, *, changed: bool
-) -> tuple[tuple[PossibleCause, ...], NutOrBearing]:
-    """Attribute a change of the axial stiffness to nut, support bearing, or both.
+def merge_nut_and_bearing(
+    causes: Sequence[PossibleCause], evidence: NutEvidence
+) -> tuple[PossibleCause, ...]:
+    """Merge nut, support bearing and both into one cause, where nothing separates them.
+
+    Their probabilities would otherwise be those assumed beforehand.
 
     Parameters
     ----------
@@ -109,43 +116,66 @@ def attribute_change(
         By :func:`~ballscrew.estimation.causes.compare_causes`; nut, bearing and both are among them.
     evidence : NutEvidence
         Of nut and bearing.
+
+    Returns
+    -------
+    tuple of PossibleCause
+        The most probable first.
+    """
+    if evidence.separates:
+        return tuple(causes)
+    axial, others = {}, []
+    for cause in causes:
+        if cause.name in _NUT_AND_BEARING:
+            axial[cause.name] = cause
+        else:
+            others.append(cause)
+    undecided = replace(
+        axial["nut"],
+        name=UNDECIDED,
+        probability=sum(cause.probability for cause in axial.values()),
+        text=describe_cause(UNDECIDED, axial["nut"].amount),
+    )
+    return tuple(sorted([undecided, *others], key=lambda cause: -cause.probability))
+
+
+def attribute_change(
+    observations: CauseEvidence, evidence: NutEvidence, assumptions: Assumptions, *, changed: bool
+) -> NutOrBearing:
+    """Attribute a change of the axial stiffness to nut, support bearing, or both.
+
+    Parameters
+    ----------
+    observations : CauseEvidence
+        Of the run, with the load corrected.
+    evidence : NutEvidence
+        Of nut and bearing.
+    assumptions : Assumptions
+        Prior probabilities of the three.
     changed : bool
         Whether the stiffness has changed significantly.
 
     Returns
     -------
-    tuple of PossibleCause
-        The causes; where nothing separates the three, they are one cause, since their probabilities would be
-        those assumed beforehand.
     NutOrBearing
-        Probabilities of the three; their sum is 1.
+        Probabilities of the three among themselves; their sum is 1.
     """
-    three = {cause.name: cause for cause in causes if cause.name in _NUT_AND_BEARING}
-    total = sum(cause.probability for cause in three.values())
-    if not evidence.separates:
-        undecided = replace(
-            three["nut"],
-            name=UNDECIDED,
-            probability=total,
-            text=describe_cause(UNDECIDED, three["nut"].amount),
-        )
-        others = [cause for cause in causes if cause.name not in _NUT_AND_BEARING]
-        causes = sorted([undecided, *others], key=lambda cause: -cause.probability)
     if not changed:
-        return tuple(causes), NutOrBearing(None, None, None, "the stiffness has not changed significantly")
+        return NutOrBearing(None, None, None, "the stiffness has not changed significantly")
     if not evidence.separates:
         text = "not identifiable: nothing in these recordings separates the nut from the support bearing"
-        return tuple(causes), NutOrBearing(None, None, None, text)
-    nut, bearing, both = (
-        three[name].probability / max(total, _LEAST_PROBABILITY) for name in _NUT_AND_BEARING
-    )
+        return NutOrBearing(None, None, None, text)
+    signatures = {name: observations.signatures[name] for name in _NUT_AND_BEARING}
+    causes = compare_causes(replace(observations, signatures=signatures), assumptions)
+    probabilities = {cause.name: cause.probability for cause in causes}
+    nut, bearing, both = (probabilities[name] for name in _NUT_AND_BEARING)
     sources = []
     if evidence.log_ratio is not None:
         sources.append("the nut's softening under load in both runs")
     if evidence.stated:
         sources.append("the stated drift of the bearing")
     text = f"nut {nut:.2f}, support bearing {bearing:.2f}, both {both:.2f}; by {' and '.join(sources)}"
-    return tuple(causes), NutOrBearing(nut, bearing, both, text)
+    return NutOrBearing(nut, bearing, both, text)
 
 
 def nut_evidence(

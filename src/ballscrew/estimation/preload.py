@@ -25,7 +25,13 @@ from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table, paired_cells
 from ballscrew.calibration.method import common_method
-from ballscrew.estimation.causes import MassChanges, PossibleCause, compare_causes, gather_evidence
+from ballscrew.estimation.causes import (
+    CauseEvidence,
+    MassChanges,
+    PossibleCause,
+    compare_causes,
+    gather_evidence,
+)
 from ballscrew.estimation.change import DECLARED_LOAD, ComplianceChange, ErrorTerm
 from ballscrew.estimation.compliance import (
     WORN_NUT,
@@ -37,7 +43,13 @@ from ballscrew.estimation.fusion import FusedChange, fuse, fuse_on_worn_nut
 from ballscrew.estimation.inflation import inflate_uncertainty, with_misfit_of
 from ballscrew.estimation.local_wear import preload_profile
 from ballscrew.estimation.mass_check import MassCheck, check_mass, mass_changes
-from ballscrew.estimation.nut import attribute_change, bearing_over_nut, nut_evidence
+from ballscrew.estimation.nut import (
+    NutEvidence,
+    attribute_change,
+    bearing_over_nut,
+    merge_nut_and_bearing,
+    nut_evidence,
+)
 from ballscrew.estimation.samples import PosteriorSamples, share_uncertainty
 from ballscrew.estimation.support import lost_end
 from ballscrew.estimation.temperature import (
@@ -203,6 +215,23 @@ def _check_same_test(other: Run, name: str, run: Run, model: CalibratedAxis) -> 
 
 
 @dataclass(frozen=True)
+class _ExplainedChange:
+    """Change of a run against its reference, and its possible causes.
+
+    ``ratio`` is the P/P₀ for which the load on a worn nut is corrected, and ``bearing_over_nut`` the
+    compliance of the bearing over the nut's.
+    """
+
+    change: ComplianceChange
+    fused: FusedChange
+    ratio: float
+    bearing_over_nut: float
+    evidence_of_nut: NutEvidence
+    observations: CauseEvidence
+    causes: tuple[PossibleCause, ...]
+
+
+@dataclass(frozen=True)
 class _RunComparison:
     """Frequencies of a run and of its reference: a baseline, or the model where ``base`` is None."""
 
@@ -253,6 +282,37 @@ class _RunComparison:
             fused = fuse(change, self.model.covariance)
         return change, fused, ratio
 
+    def explain(
+        self,
+        reference_ratio: float,
+        run: Run,
+        baseline: Run | None,
+        masses: MassChanges | None,
+        load_check: MassCheck | None = None,
+    ) -> _ExplainedChange:
+        """Change of the whole run and its possible causes.
+
+        With ``load_check`` the load is corrected. ``masses`` is then None, since the correction was estimated
+        from these observations.
+        """
+        change, fused, ratio = self.fuse(reference_ratio, load_check)
+        if load_check is not None:
+            run = replace(run, mass_kg=(run.mass_kg or 0.0) + load_check.correction)
+        baselines = () if baseline is None else (baseline,)
+        compliance_ratio = bearing_over_nut(change, fused)
+        evidence_of_nut = nut_evidence(run, baselines, self.model, self.assumptions, compliance_ratio)
+        observations = gather_evidence(
+            change,
+            masses,
+            self.assumptions,
+            temperature_difference=self.temperature_difference,
+            model_covariance=self.model.covariance,
+            softening=evidence_of_nut.softening,
+            load_corrected=load_check is not None,
+        )
+        causes = compare_causes(observations, self.assumptions)
+        return _ExplainedChange(change, fused, ratio, compliance_ratio, evidence_of_nut, observations, causes)
+
     def fuse_by_model(
         self, mass: MassCheck | None, fused: FusedChange
     ) -> tuple[ComplianceChange, FusedChange]:
@@ -279,28 +339,18 @@ def _estimate(
             "another axis or load, or the model does"
         )
         return _refuse(refusal, reason, *doubts)
-    # The change of the nut by all cells, and its possible causes.
-    change, fused, ratio = comparison.fuse(reference_ratio)
+    # The change and its causes, one of which may be a wrongly declared load. Where the load is wrong or
+    # uncertain, the change is estimated anew without its effect, and so are the causes of what remains.
     masses = mass_changes(run, baseline, model.model, assumptions)
-    bearing_to_nut = bearing_over_nut(change, fused)
-    baselines = () if baseline is None else (baseline,)
-    evidence_of_nut = nut_evidence(run, baselines, model, assumptions, bearing_to_nut)
-    evidence_of_causes = gather_evidence(
-        change,
-        masses,
-        assumptions,
-        temperature_difference=comparison.temperature_difference,
-        model_covariance=model.covariance,
-        softening=evidence_of_nut.softening,
-    )
-    causes = compare_causes(evidence_of_causes, assumptions)
-    doubts = [*lost_end(change, fused, model.model, assumptions), *doubts]
-    # The declared load is checked; where it is wrong or uncertain, the change is estimated anew.
-    load_check = _check_load(comparison, masses, causes, change, fused)
+    declared = comparison.explain(reference_ratio, run, baseline, masses)
+    doubts = [*lost_end(declared.change, declared.fused, model.model, assumptions), *doubts]
+    load_check = _check_load(comparison, masses, declared)
+    corrected = declared
     if load_check is not None and (load_check.correction or load_check.standard_uncertainty):
-        change, fused, ratio = comparison.fuse(reference_ratio, load_check)
-    corrections = _describe_corrections(comparison, reference_ratio, fused, ratio, load_check)
-    fused = inflate_uncertainty(fused, evidence_of_causes, causes, assumptions)
+        corrected = comparison.explain(reference_ratio, run, baseline, None, load_check)
+    change, evidence_of_nut = corrected.change, corrected.evidence_of_nut
+    corrections = _describe_corrections(comparison, reference_ratio, corrected, load_check)
+    fused = inflate_uncertainty(corrected.fused, corrected.observations, corrected.causes, assumptions)
     temperature = _temperature_correction(comparison, more)
     by_model = None
     if not samples.has_known_baseline:
@@ -310,7 +360,7 @@ def _estimate(
         chi2=fused.chi2,
         degrees=fused.degrees,
         probability=fused.probability,
-        causes=attribute_change(causes, evidence_of_nut, changed=False)[0],
+        causes=merge_nut_and_bearing(declared.causes, evidence_of_nut),
         mass=load_check,
         corrections=(*corrections, *temperature.corrections),
         change=change,
@@ -320,19 +370,20 @@ def _estimate(
         return _refuse(refusal, load_check.text, *doubts)
     estimate = samples.estimate(refusal, change, fused, temperature, evidence_of_nut, by_model)
     if estimate is None:
-        return _refuse(refusal, why_unbounded(fused, causes), *doubts)
-    # Local wear and the verdict.
+        return _refuse(refusal, why_unbounded(fused, corrected.causes), *doubts)
+    # Local wear, nut or bearing, and the verdict.
     curved = abs(model.model.curve) * float(np.ptp(change.position)) ** 2 > _LEAST_CURVATURE
     share_spread = share_uncertainty(model, assumptions)
     profile = preload_profile(run, baseline, change, fused, share_spread, curved, assumptions)
     low, high = estimate.relative_interval
-    causes, nut_or_bearing = attribute_change(causes, evidence_of_nut, changed=not low <= 1 <= high)
-    estimate = replace(estimate, profile=profile, causes=causes, nut_or_bearing=nut_or_bearing)
-    reasons = why_not_good(estimate, run, baseline, change, fused, assumptions)
+    changed = not low <= 1 <= high
+    nut_or_bearing = attribute_change(corrected.observations, evidence_of_nut, assumptions, changed=changed)
+    estimate = replace(estimate, profile=profile, nut_or_bearing=nut_or_bearing)
+    reasons = why_not_good(estimate, run, baseline, change, fused, corrected.causes, assumptions)
     screw_doubts = warm_screw_doubts(comparison.table, comparison.base, calibrated=samples.has_known_baseline)
     reasons += [*temperature.reasons, *screw_doubts, *doubts]
     notes = estimate_notes(estimate, run, baseline, model)
-    nut_reasons = reasons + why_nut_uncertain(estimate, evidence_of_nut, bearing_to_nut)
+    nut_reasons = reasons + why_nut_uncertain(estimate, evidence_of_nut, corrected.bearing_over_nut)
     estimate = replace(
         estimate,
         verdict=_verdict(reasons),
@@ -364,27 +415,26 @@ def _nut_verdict(estimate: PreloadEstimate, reasons: Sequence[str]) -> str:
 def _check_load(
     comparison: _RunComparison,
     masses: MassChanges | None,
-    causes: Sequence[PossibleCause],
-    change: ComplianceChange,
-    fused: FusedChange,
+    declared: _ExplainedChange,
 ) -> MassCheck | None:
-    """Check of the declared load; None without a baseline."""
+    """Check of the declared load; None without a baseline. ``declared`` is the change with this load."""
     if comparison.base is None:
         return None
+    change, fused = declared.change, declared.fused
     by_share = abs(fused.level) * share_uncertainty(comparison.model, comparison.assumptions)
     uncertainty = max(math.hypot(fused.spread, by_share), 1e-12)  # of u
     sensitivity = abs(float(fused.weights @ change.by_load)) / uncertainty  # du/d load over it, 1/kg
-    return check_mass(masses, causes, sensitivity, comparison.assumptions)
+    return check_mass(masses, declared.causes, sensitivity, comparison.assumptions)
 
 
 def _describe_corrections(
     comparison: _RunComparison,
     reference_ratio: float,
-    fused: FusedChange,
-    ratio: float,
+    corrected: _ExplainedChange,
     mass: MassCheck | None,
 ) -> list[str]:
     """The corrections for the load on the table (kg) and on a worn nut (% of the preload), in words."""
+    fused, ratio = corrected.fused, corrected.ratio
     corrections, load = [], 0.0
     if mass is not None and mass.correction:
         load = mass.correction

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
+from ballscrew.base.quantity import Quantity
 from ballscrew.base.words import plural
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
@@ -45,6 +46,7 @@ def why_not_good(
     baseline: Run | None,
     change: ComplianceChange,
     fused: FusedChange,
+    causes: Sequence[PossibleCause],
     assumptions: Assumptions,
 ) -> list[str]:
     """Reasons why a preload is suspect.
@@ -52,11 +54,13 @@ def why_not_good(
     Parameters
     ----------
     estimate : PreloadEstimate
-        With its quantities, causes, mass check and profile.
+        With its quantities, mass check and profile.
     run, baseline : Run
         Analysed.
     change, fused : ComplianceChange, FusedChange
         Of the cells, with the load corrected.
+    causes : sequence of PossibleCause
+        Of this change, the most probable first.
     assumptions : Assumptions
         ``false_alarm`` is the probability of a misfit below which it is a reason.
 
@@ -71,7 +75,7 @@ def why_not_good(
         consequence = ""
         if is_inflated(fused):
             consequence = ", and the interval includes this misfit"
-        reasons.append(describe_misfit(fused, estimate.causes) + consequence)
+        reasons.append(describe_misfit(fused, causes) + consequence)
     if mass is not None and mass.decision in ("corrected", "torque", "undecided"):
         reasons.append(mass.text)
     if profile is not None and profile.found:
@@ -150,11 +154,23 @@ def why_nut_uncertain(estimate: PreloadEstimate, evidence: NutEvidence, bearing_
     if not evidence.separates and not low <= 1 <= high:
         reasons.append(not_identifiable(bearing_over_nut))
     stiffness = estimate.stiffness_relative_to_baseline
-    if stiffness is not None and (reason := contradiction(stiffness, bearing_over_nut, evidence)):
-        reasons.append(reason)
-    if nut.interval[1] > _WIDEST * nut.interval[0]:
+    if stiffness is not None:
+        reason = contradiction(stiffness, bearing_over_nut, evidence)
+        if reason:
+            reasons.append(reason)
+    if _is_too_wide(nut):
         reasons.append("the interval of the nut's preload is too wide to be useful")
+    elif estimate.preload_N is not None and _is_too_wide(estimate.preload_N):
+        reasons.append(
+            "the interval of the preload in newtons is too wide to be useful: calibrate with a known preload"
+        )
     return reasons
+
+
+def _is_too_wide(preload: Quantity) -> bool:
+    """Whether the ends of the interval of a preload or ratio are too far from each other to be useful."""
+    low, high = preload.interval
+    return high > _WIDEST * low
 
 
 def limit_released(
@@ -349,11 +365,14 @@ def _suspect_measurements(run: Run, baseline: Run | None) -> list[str]:
 
 
 def _cause_notes(estimate: PreloadEstimate) -> list[str]:
-    """Notes on other possible causes, except local wear and the torque, which have sentences of their own."""
+    """Notes on other possible causes, except those that have sentences of their own."""
+    reported = ["local", "torque"]
+    if estimate.mass is not None and estimate.mass.correction:
+        reported.append("load")
     return [
         f"also possible: {cause.text} (probability {cause.probability:.2f})"
         for cause in other_possible_causes(estimate.causes)
-        if cause.name not in ("local", "torque")
+        if cause.name not in reported
     ]
 
 
