@@ -127,7 +127,7 @@ def analyze(
     temperature: Annotated[
         str | None,
         option(
-            "Temperature of the axis. [default: run.toml's, else the mean of a recorded one]", '"23 degC"'
+            "Temperature of the axis. [default: run.toml's, else the mean of the recorded one]", '"23 degC"'
         ),
     ] = None,
     method: Annotated[
@@ -189,8 +189,9 @@ def analyze(
 ) -> int:
     """Estimate the axial natural frequency of every stop of one run, with its uncertainty.
 
-    With --verbose also masses, friction and every cell: one stop and one condition (PA, PD, NA, ND:
-    acceleration away from the stop or deceleration towards it, in the positive or negative direction).
+    With --verbose, also prints masses, friction and every cell. A cell is one stop and one condition (PA,
+    PD, NA, ND: acceleration away from the stop or deceleration towards it, in the positive or negative
+    direction).
     """
     from ballscrew.cli.analyze import Output, analyze_command, parse_options
     from ballscrew.modal.job import Job
@@ -248,7 +249,7 @@ def amend(
 )
 def frf(
     files: Annotated[
-        list[Path], typer.Argument(metavar="FILES…", help="Recordings; those at one position are one cell.")
+        list[Path], typer.Argument(metavar="FILES…", help="Recordings; those at one position form one cell.")
     ],
     input_channel: Annotated[str, option("Channel of the torque, or of i_q.", "CHANNEL", "--input")],
     output_channel: Annotated[
@@ -302,8 +303,9 @@ def frf(
 ) -> int:
     """Estimate resonance and antiresonance of an axis excited by its drive with noise, chirp or sine steps.
 
-    The resonance of torque to motor speed is the axial mode with the rotor free, the antiresonance that with
-    the rotor held. The JSON is a run for `calibrate` and `preload`, with a cell for each position.
+    In the response of motor speed to torque, the resonance is the axial mode with the rotor free, and the
+    antiresonance is that with the rotor held. The JSON is a run for `calibrate` and `preload`, with a cell
+    for each position.
     """
     from ballscrew.cli.frf import frf_command
     from ballscrew.modal.analyze_frf import frf_job
@@ -332,7 +334,7 @@ def demo(
 def reproduce(
     out: Annotated[Path, option("Folder for the report and the runs.", "DIR")] = Path("ballscrew-paper"),
     quick: Annotated[
-        bool, flag("Three round trips per run, not thirty; runs every six days; four loads.", "--quick")
+        bool, flag("Three round trips per run instead of thirty; runs every six days; four loads.", "--quick")
     ] = False,
     keep: Annotated[bool, flag("Keep the recordings (about 11 GB).", "--keep")] = False,
     seed: Seed = 0,
@@ -340,8 +342,9 @@ def reproduce(
 ) -> int:
     """Simulate the paper's two experiments and compare the results with its figures and claims.
 
-    First 0 to 50 kg on the table at one preload, then 80 days of wear with 100 kg, a run every three days.
-    Takes about ten minutes; with --quick, under three. Recordings are deleted as they are analysed.
+    The first has 0 to 50 kg on the table at one preload; the second, 80 days of wear with 100 kg and a run
+    every three days. Takes about ten minutes; with --quick, less than three. Recordings are deleted as they
+    are analysed.
     """
     from ballscrew.cli.experiments import reproduce_command
 

@@ -16,7 +16,7 @@ Runs = Annotated[
 Model = Annotated[Path, option("Model of this axis, written by calibrate.", "MODEL.json")]
 Accept = Annotated[
     list[str] | None,
-    option("Accept a warning of the calibration after a check of its cause; repeatable.", "NAME"),
+    option("Accept a warning of the calibration after checking its cause; repeatable.", "NAME"),
 ]
 BearingDrift = Annotated[
     float | None,
@@ -31,7 +31,7 @@ BearingDrift = Annotated[
 Events = Annotated[
     Path | None,
     option(
-        "Maintenance and other events: [[events]] with at, kind (nut replaced, bearing replaced, "
+        "Maintenance and other events, as [[events]] with at, kind (nut replaced, bearing replaced, "
         "maintenance, greased, sensor remounted, note) and text. The first three start a new epoch.",
         "EVENTS.toml",
     ),
@@ -55,7 +55,7 @@ Duty = Annotated[
     str | None,
     option(
         "Travel per day, or a CSV file with date and the machine's counters, revolutions of the screw or "
-        "hours of operation: the remaining life is reported in them too.",
+        "hours of operation; the remaining life is then reported in these too.",
         '"12 km" | FILE.csv',
     ),
 ]
@@ -95,8 +95,8 @@ def calibrate(
     """Fit the model of an axis to runs at several loads, and write it to a file.
 
     Reports which parameters the data determine and which rest on the data sheet. Runs within a day of each
-    other, and runs without a time, are assumed to have the same preload. With --verbose also parameters,
-    goodness of fit, and what determines them.
+    other, and runs without a time, are assumed to have the same preload. With --verbose, also prints
+    the parameters, the goodness of fit, and what determines the parameters.
     """
     from ballscrew.calibration.assumptions import Assumptions
     from ballscrew.cli.calibrate import calibrate_command
@@ -142,7 +142,8 @@ def preload(
 ) -> int:
     """Estimate the preload of the nut in newtons and relative to a baseline, with 95 % intervals.
 
-    With --verbose also the parts of the uncertainty, other possible causes of the change, and local wear.
+    With --verbose, also prints the parts of the uncertainty, other possible causes of the change, and local
+    wear.
     """
     from ballscrew.calibration.assumptions import Assumptions
     from ballscrew.cli.preload import preload_command
@@ -176,7 +177,7 @@ def monitor(
     store: Annotated[
         Path | None,
         option(
-            "Store that holds the axis's runs, events and model, and receives the result. "
+            "Store with the axis's runs, events and model; the result is added to it. "
             "[default: BALLSCREW_STORE, for the name of an axis]",
             "DIR",
         ),
@@ -242,8 +243,8 @@ def watch(
 ) -> int:
     """Analyse the runs that are new in a folder, monitor the axis, and write one HTML page.
 
-    For a scheduler: writes each result beside its RUN.toml, whole or not at all; a second call finds nothing
-    to do. A run that cannot be used is named, and does not stop the others.
+    Made for a scheduler: each result is written beside its RUN.toml, whole or not at all, and a second call
+    changes nothing. A run that cannot be used is reported, and does not stop the others.
     """
     from ballscrew.calibration.assumptions import Assumptions
     from ballscrew.cli.watch import watch_command

@@ -67,14 +67,14 @@ def plan(
     trace: Annotated[
         bool,
         flag(
-            "Print signals, rate and duration of a trace by the drive, for a test without added sensors.",
+            "Print signals, rate and duration of a trace of the drive, for a test without added sensors.",
             "--trace",
         ),
     ] = False,
     optimize: Annotated[
         bool,
         flag(
-            "Choose the stops, loads and preloads with the most information per minute; motions stay.",
+            "Choose the stops, loads and preloads with the most information per minute; keep the motions.",
             "--optimize",
             rich_help_panel=_OPTIMISE,
         ),

@@ -28,7 +28,7 @@ def send(
         typer.Argument(
             metavar="[FILES…]",
             help="RUN.toml or RUN.json files, folders of one run each, or the recordings of one run. Without "
-            "them: what is in the spool.",
+            "them, what is in the spool.",
         ),
     ] = None,
     watch: Annotated[
@@ -45,7 +45,7 @@ def send(
     pattern: Annotated[
         str | None,
         option(
-            'Names of recordings without RUN.toml, such as "{axis}_{run}_trip{trip}.h5": files of the same '
+            'Names of recordings without RUN.toml, such as "{axis}_{run}_trip{trip}.h5": files with the same '
             "{axis} and {run} in a folder are a run; {trip} and * may be anything. With '/', folders too.",
             "PATTERN",
         ),
@@ -60,7 +60,7 @@ def send(
     documents: Annotated[
         bool,
         flag(
-            "Send data sheet, plan and channel map of RUN.toml too; they count in place of the server's.",
+            "Send data sheet, plan and channel map of RUN.toml too, to be used instead of the server's.",
             "--documents",
         ),
     ] = False,
@@ -91,10 +91,10 @@ def send(
         Path | None, option("File with the token. [default: the variable BALLSCREW_TOKEN]", "FILE")
     ] = None,
     allow_plain_http: Annotated[
-        bool, flag("Allow http:// to another host, in a network that is trusted.", "--allow-plain-http")
+        bool, flag("Allow http:// to another host, in a trusted network.", "--allow-plain-http")
     ] = False,
     tries: Annotated[
-        int, option("Attempts without success, after which the command ends; not with --watch.", "N", min=1)
+        int, option("Unsuccessful attempts after which the command ends; not with --watch.", "N", min=1)
     ] = 6,
     dry_run: Annotated[
         bool, flag("List what would be sent; nothing is copied or sent.", "--dry-run")
@@ -106,10 +106,10 @@ def send(
     """Send runs to a server (`ballscrew serve`): none is lost, and none counts twice.
 
     Each run is copied into a spool on the disk, sent with retries, and removed from the spool when the
-    server has it. Your files stay as they are. The same run may be sent any number of times.
+    server has acknowledged it. Your files are not changed. The same run may be sent any number of times.
 
-    What the server refuses is in `rejected` of the spool, with its answer. Exit status 75: something is still
-    in the spool; the next call sends it.
+    Runs that the server refuses are moved to `rejected` in the spool, with its answer. Exit status 75 means
+    that something is still in the spool; the next call sends it.
     """
     from ballscrew.sending.outgoing import RunRule
     from ballscrew.sending.settings import SendSettings

@@ -35,7 +35,9 @@ def serve(
     port: Annotated[int | None, option("Port to listen on; 0 for any. [default: 8000]", "N")] = None,
     workers: Annotated[
         int | None,
-        option("Processes that analyse. [default: the processor's cores less one, 4 at most]", "N"),
+        option(
+            "Number of processes for the analysis. [default: the processor's cores less one, 4 at most]", "N"
+        ),
     ] = None,
     config: Annotated[
         Path | None, option("File of settings. [default: server.toml in the data folder]", "SERVER.toml")
@@ -52,14 +54,14 @@ def serve(
     ] = None,
     demo: Annotated[
         bool,
-        flag("Serve a simulated plant of twelve axes; without --data it is removed at the end.", "--demo"),
+        flag("Serve a simulated plant of twelve axes; without --data, it is deleted at the end.", "--demo"),
     ] = False,
     as_json: Annotated[bool, flag("With --check, print the settings as JSON.", "--json")] = False,
 ) -> int:
     """Serve a store over HTTP: receive and analyse runs, assess axes, answer queries.
 
-    Without any option, at http://127.0.0.1:8000 for this computer alone. Ctrl-C stops it. With `--demo`, a
-    plant is simulated first, in about a minute; `--data` is then a new folder, or the one of an earlier demo.
+    Without options, it serves http://127.0.0.1:8000 for this computer alone. Ctrl-C stops it. With `--demo`,
+    a plant is simulated first, in about a minute; `--data` is then a new folder, or that of an earlier demo.
     """
     given = {"host": host, "port": port, "workers": workers}
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
@@ -79,16 +81,16 @@ def serve(
 def create(
     data: DataOption = None,
     machine: Annotated[
-        str | None, option("For a machine: send and show only its axes' runs.", "NAME")
+        str | None, option("For a machine, which may only send and show runs of its axes.", "NAME")
     ] = None,
     read_only: Annotated[
-        str | None, option("For a program that only reads, such as a dashboard, by its name.", "NAME")
+        str | None, option("For a program of this name that only reads, such as a dashboard.", "NAME")
     ] = None,
     role: Annotated[
         str | None, option("For a program with a role: viewer, maintainer or admin.", "ROLE")
     ] = None,
-    admin: Annotated[bool, flag("The same as --role admin: may do everything.", "--admin")] = False,
-    name: Annotated[str, option("What it is for.", "NAME")] = "",
+    admin: Annotated[bool, flag("The same as --role admin, which may do everything.", "--admin")] = False,
+    name: Annotated[str, option("Purpose of the token.", "NAME")] = "",
     as_json: Json = False,
 ) -> int:
     """Create a token and print it; it is not stored, and cannot be printed again."""

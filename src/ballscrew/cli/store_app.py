@@ -68,7 +68,7 @@ def add(
 
 @store.command(cls=Command, name="list", epilog="Example: ballscrew store list --store plant")
 def list_axes(store: StoreFolder = None, as_json: Json = False) -> int:
-    """List the axes with their states by the newest assessment."""
+    """List the axes with their states according to the newest assessment."""
     from ballscrew.cli.store import list_store, open_store
 
     return list_store(open_store(store), as_json=as_json)
@@ -84,7 +84,7 @@ def show(
 ) -> int:
     """Show an axis, or the provenance of a run's numbers.
 
-    Of an axis: its runs and their states, alarms, events, exclusions, corrections and conflicts. Of a run:
+    For an axis: its runs and their states, alarms, events, exclusions, corrections and conflicts. For a run:
     its recordings by their hashes, their readers, documents, settings, method and versions.
     """
     from ballscrew.cli.store import open_store, show_store
@@ -175,7 +175,7 @@ def export(
 
 @store.command(cls=Command, epilog="Example: ballscrew store verify --store plant")
 def verify(store: StoreFolder = None, as_json: Json = False) -> int:
-    """Compare every file and row with its hash; a damaged store is only read from then on."""
+    """Compare every file and row with its hash; a damaged store is read-only from then on."""
     from ballscrew.cli.store import verify_store
 
     return verify_store(store, as_json=as_json)
@@ -185,7 +185,7 @@ def verify(store: StoreFolder = None, as_json: Json = False) -> int:
 def backup(
     to: Annotated[Path, option("New folder.", "DIR")], store: StoreFolder = None, as_json: Json = False
 ) -> int:
-    """Copy the store as it is at one moment, while others add to it; the copy is a store with SQLite."""
+    """Copy the store as it is at one moment, even while others add to it; the copy uses SQLite."""
     from ballscrew.cli.store import backup_store, open_store
 
     return backup_store(open_store(store), to, as_json=as_json)
@@ -209,7 +209,7 @@ def restore(
 
 @store.command(cls=Command, epilog="Example: ballscrew store migrate --store plant")
 def migrate(store: StoreFolder = None, as_json: Json = False) -> int:
-    """Bring a store of an earlier version to the schema of this one; make a backup first."""
+    """Migrate a store of an earlier version to the schema of this version; make a backup first."""
     from ballscrew.cli.store import migrate_store
 
     return migrate_store(store, as_json=as_json)
@@ -221,7 +221,7 @@ def gc(
     dry_run: Annotated[bool, flag("List the files only.", "--dry-run")] = False,
     as_json: Json = False,
 ) -> int:
-    """Remove files that no row refers to: from interrupted additions, and archived ones."""
+    """Remove files that no row refers to: those of interrupted additions, and archived ones."""
     from ballscrew.cli.store import gc_store, open_store
 
     return gc_store(open_store(store), dry_run=dry_run, as_json=as_json)
@@ -244,10 +244,10 @@ def retain(
     dry_run: Annotated[bool, flag("List the files only.", "--dry-run")] = False,
     as_json: Json = False,
 ) -> int:
-    """Delete old raw files by a policy; the results stay.
+    """Delete old raw files; the results stay.
 
-    Raw files of baselines, of runs at which an alarm began and of the newest runs stay, and all those of an
-    axis that was not assessed since its last change.
+    Raw files of baselines, of runs at which an alarm began and of the newest runs stay, as do all raw files
+    of an axis that has not been assessed since its last change.
     """
     from ballscrew.cli.store import open_store, retain_store
 
@@ -288,20 +288,18 @@ def reprocess(
     ] = None,
     store: StoreFolder = None,
     method: Annotated[str, option("Method of the analysis, as for `analyze`.", "joint|paper")] = "joint",
-    workers: Annotated[int, option("Processes that analyse.", "N", min=1)] = 1,
+    workers: Annotated[int, option("Number of processes for the analysis.", "N", min=1)] = 1,
     scheduler: Annotated[
         str | None,
         option(
-            "Dask scheduler whose workers analyse instead; TLS if on another computer. [default: none]",
+            "Dask scheduler whose workers analyse the runs; TLS if on another computer. [default: none]",
             "tcp://127.0.0.1:PORT",
         ),
     ] = None,
-    switch: Annotated[
-        bool, flag("Make the new results the history of the axes, each as a whole.", "--switch")
-    ] = False,
+    switch: Annotated[bool, flag("Make the new results the whole history of each axis.", "--switch")] = False,
     as_json: Json = False,
 ) -> int:
-    """Analyse stored raw files by this version, and show how the results differ from the old ones.
+    """Analyse stored raw files with this version, and show how the results differ from the old ones.
 
     The new results are stored beside the old; the history changes only with --switch.
     """
@@ -330,7 +328,7 @@ def report(
 ) -> int:
     """Write the state of an axis, or of all axes with the worst first, as one HTML or PDF file.
 
-    The numbers are those of `store show`. The store is only read, also while it is served.
+    The numbers are those of `store show`. The store is only read, and may be served meanwhile.
     """
     from ballscrew.cli.store import open_store, report_store
 

@@ -32,7 +32,7 @@ def add(
     data: DataOption = None,
     as_json: Json = False,
 ) -> int:
-    """Add a user and print a link, valid once and for a day, on which to choose a password."""
+    """Add a user and print a link to choose a password, valid once and for a day."""
     from ballscrew.service.users import add_user
 
     address = _address(data)
@@ -68,7 +68,7 @@ def role(
     data: DataOption = None,
     as_json: Json = False,
 ) -> int:
-    """Change the role of a user, whose sessions end."""
+    """Change the role of a user; the user's sessions end."""
     from ballscrew.service.users import change_role
 
     change_role(open_store(data), name, new)
@@ -82,7 +82,7 @@ def disable(
     data: DataOption = None,
     as_json: Json = False,
 ) -> int:
-    """Disable a user, whose sessions and links expire."""
+    """Disable a user; the user's sessions and links expire."""
     from ballscrew.service.users import disable_user
 
     disable_user(open_store(data), name, undo=undo)
@@ -92,7 +92,7 @@ def disable(
 
 @user.command(cls=Command, epilog="Example: ballscrew user link anna")
 def link(name: NameArgument, data: DataOption = None, as_json: Json = False) -> int:
-    """Print a new link for a user, such as one who forgot the password; earlier links expire."""
+    """Print a new link for a user, for example after a forgotten password; earlier links expire."""
     from ballscrew.service.users import new_link
 
     address = _address(data)
