@@ -28,9 +28,9 @@ def test_every_cell_determines_the_ratio_at_any_level_of_the_baseline(ratio: flo
     base, run = frequency_table(run_of(level, name="base")), frequency_table(run_of(level * ratio))
     change = change_since(run, base, MODEL, BEARING, level)
     rows, of_base = paired_cells(run, base)
-    np.testing.assert_allclose(change.y / change.nut, ratio ** (-1 / 3) - 1, atol=1e-9)
+    np.testing.assert_allclose(change.y / change.nut_share, ratio ** (-1 / 3) - 1, atol=1e-9)
     np.testing.assert_allclose(
-        preload_change(run.frequency[rows], base.frequency[of_base], change.nut), ratio, rtol=1e-8
+        preload_change(run.frequency[rows], base.frequency[of_base], change.nut_share), ratio, rtol=1e-8
     )
 
 
@@ -57,11 +57,11 @@ def test_signatures_are_those_of_the_model() -> None:
     mass = slope_of(lambda kg: frequency(MODEL, x, LOAD + kg), 1e-3)
     np.testing.assert_allclose(change.by_load, mass, rtol=1e-4)
     along = slope_of(lambda m: frequency(MODEL, x + m, LOAD), 1e-5)
-    np.testing.assert_allclose(change.slope, along, rtol=1e-4)
+    np.testing.assert_allclose(change.log_slope, along, rtol=1e-4)
     nut = slope_of(lambda part: frequency(MODEL, x, LOAD, (1 + part) ** -3), 1e-5)
-    np.testing.assert_allclose(change.nut, nut, rtol=1e-4)
+    np.testing.assert_allclose(change.nut_share, nut, rtol=1e-4)
     whole = 1 + MODEL.slope * (x - MODEL.centre)
-    np.testing.assert_allclose(change.bearing, BEARING / whole, rtol=1e-12)
+    np.testing.assert_allclose(change.bearing_share, BEARING / whole, rtol=1e-12)
 
 
 def test_a_kilogram_without_a_rotor() -> None:
@@ -75,7 +75,7 @@ def test_a_known_change_of_the_load_is_removed_exactly(more: float) -> None:
     change = change_since(
         frequency_table(run_of(0.7, true_load=LOAD + more)), BASE, MODEL, BEARING, load_change=more
     )
-    np.testing.assert_allclose(change.y / change.nut, 0.7 ** (-1 / 3) - 1, atol=1e-9)
+    np.testing.assert_allclose(change.y / change.nut_share, 0.7 ** (-1 / 3) - 1, atol=1e-9)
     with pytest.raises(InputError, match="leaves no mass"):
         change_since(frequency_table(run_of()), BASE, MODEL, BEARING, load_change=-200.0)
 

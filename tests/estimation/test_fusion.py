@@ -49,7 +49,7 @@ def test_without_a_baseline_the_terms_are_the_runs_own_covariance() -> None:
 def test_the_weights_determine_the_level_and_no_slope() -> None:
     change = change_since(frequency_table(run_of(0.6)), BASE, MODEL, BEARING)
     fused = fuse(change)
-    assert fused.weights @ change.nut == pytest.approx(1.0)
+    assert fused.weights @ change.nut_share == pytest.approx(1.0)
     assert fused.level == pytest.approx(0.6 ** (-1 / 3) - 1, rel=1e-9)
     assert np.abs(fused.residual).max() < 1e-12
 

@@ -9,7 +9,7 @@ import pytest
 from tests.estimation.made_runs import STOPS, calibrated, run_of
 
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.estimation.local_wear import largest_contrast, windows
+from ballscrew.estimation.local_wear import largest_contrast, possible_places
 from ballscrew.estimation.preload import preload
 
 QUIET = 3e-4  # scatter of a cell's deviation, as a part of the frequency
@@ -138,11 +138,11 @@ def test_few_stops_have_no_profile() -> None:
 
 
 def test_windows_are_neighbours_of_a_third_at_most() -> None:
-    places = windows(6)
+    places = possible_places(6)
     assert (0, 1) in places
     assert (4, 6) in places
     assert max(past - first for first, past in places) == 2
-    assert windows(2) == [(0, 1), (1, 2)]
+    assert possible_places(2) == [(0, 1), (1, 2)]
 
 
 def test_the_limit_is_exceeded_as_rarely_as_stated() -> None:
@@ -154,7 +154,7 @@ def test_the_limit_is_exceeded_as_rarely_as_stated() -> None:
     for _ in range(300):
         guessed = noise * rng.chisquare(free) / free
         means = np.sqrt(noise) * rng.standard_normal(stops)
-        statistic, limit, _ = largest_contrast(means, guessed, free, nut, basis, windows(stops))
+        statistic, limit, _ = largest_contrast(means, guessed, free, nut, basis, possible_places(stops))
         over += statistic > limit
     assert over <= 6  # 1.5 expected
 
@@ -164,8 +164,8 @@ def test_a_gain_of_preload_is_no_local_wear() -> None:
     means = np.zeros(9)
     means[4] = -0.02
     statistic, limit, best = largest_contrast(
-        means, noise, 20, nut, np.vander(np.linspace(-1, 1, 9), 2), windows(9)
+        means, noise, 20, nut, np.vander(np.linspace(-1, 1, 9), 2), possible_places(9)
     )
-    assert windows(9)[best] != (4, 5)
+    assert possible_places(9)[best] != (4, 5)
     assert limit > 0
     assert statistic < 20

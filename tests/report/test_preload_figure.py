@@ -37,7 +37,7 @@ def test_cells_and_fit_are_what_was_fused(tmp_path) -> None:
         mine = [c == condition for c in WORN.change.condition]
         np.testing.assert_allclose(shown[condition], 100 * WORN.change.y[mine])
     (fit,) = [line for line in cells.get_lines() if line.get_label() == "fit of one preload"]
-    np.testing.assert_allclose(fit.get_ydata().max(), 100 * WORN.fused.level * WORN.change.nut.max())
+    np.testing.assert_allclose(fit.get_ydata().max(), 100 * WORN.fused.level * WORN.change.nut_share.max())
     assert "2026-01-01 08:00\naxial stiffness as with 60 %" in figure.get_suptitle()
     assert_nothing_leaves_the_picture(figure)
     assert_the_same_file_twice(lambda: draw_preload(WORN), tmp_path)

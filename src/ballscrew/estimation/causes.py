@@ -1,10 +1,10 @@
 """Possible causes of a change of the frequencies, compared by their evidence.
 
-Each cause changes the compliance along the axis, the masses and the friction in proportions of its own, its
+Each cause changes the compliance along the axis, the masses and the friction in a fixed proportion, its
 signature. The changes of a run since its baseline are one vector of observations with one covariance. A cause
-adds its signature times an unknown amount, whose prior is normal with a plausible size as its standard
-deviation. The observations then have a normal distribution, the density of which is the evidence for the
-cause.
+adds its signature times an unknown amount, whose prior is normal with mean 0 and a plausible size as standard
+deviation. The observations of each cause are then normally distributed, and their density is the evidence for
+it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import block_diag, cho_factor, cho_solve
 from scipy.special import softmax
 
 from ballscrew.base.arrays import Array
@@ -24,16 +24,18 @@ from ballscrew.estimation.change import DECLARED_LOAD, POSITION, ComplianceChang
 from ballscrew.estimation.fusion import misfit
 
 UNITS: Mapping[str, str] = {"load": "kg", "position": "m"}
-"""Units of the amounts by cause; the others are ratios."""
+"""Units of the amounts by cause; the amounts of the other causes have no unit."""
 
+# Causes whose signature along the axis is nearly that of the nut, so that a fit does not separate the two.
 _SIMILAR_TO_NUT = ("nut", "bearing", "position", "temperature")
-"""Causes whose signature along the axis is nearly that of the nut: a fit of both would not separate them."""
+_LEAST_U = 0.1  # least u of the nut in its description, that of a thousand times the preload
 
 UNDECIDED = "nut or bearing"
 """Name of the cause where nothing separates nut and support bearing."""
 AXIAL = ("nut", "bearing", "both", UNDECIDED)
-"""Causes that are a change of the axial stiffness."""
+"""Names of the causes that change the axial stiffness itself."""
 
+# Text of each cause other than the nut, and its ``side`` for a positive and for any other amount.
 _DESCRIPTIONS: Mapping[str, tuple[str, str, str]] = {
     "bearing": ("the support bearing, {percent} {side}", "stiffer", "softer"),
     "both": ("the nut and the support bearing, the bearing {percent} {side}", "stiffer", "softer"),
@@ -44,7 +46,6 @@ _DESCRIPTIONS: Mapping[str, tuple[str, str, str]] = {
     "gradient": ("a screw that is warmer towards its {side} end, {percent} of the preload", "far", "near"),
     "local": ("a change at some stops and not at others", "", ""),
 }
-"""Text of each cause except the nut, and its ``side`` for a positive and for any other amount."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,21 +60,27 @@ class PossibleCause:
     probability : float
         Among the causes compared, with their prior probabilities.
     chi2 : float
-        χ² of all observations that the cause leaves unexplained.
+        χ² of all observations after the fit of the cause.
     amount, standard_uncertainty : float
-        Size of the cause in its unit: u − 1 of the nut, u = (P/P₀)^(−1/3); relative changes of bearing
-        rigidity (also of both) and torque signal; additional load and shift of the zero; fall of ln P by the
-        temperature; ln P at the far end less that at the near end for a gradient; root mean square of the
-        changes of u for a change at some stops.
+        Size of the cause, in ``unit``:
+
+        - nut: u − 1, with u = (P/P₀)^(−1/3);
+        - bearing, both: relative change of the bearing's rigidity;
+        - load: load on the table above the declared one, kg;
+        - torque: relative error of the torque signal;
+        - position: shift of the axis's zero, m;
+        - temperature: decrease of ln P;
+        - gradient: ln P at the last stop less that at the first;
+        - local: root mean square of the changes of u at the stops.
     unit : str
-        Of the amount.
+        Of the amount; empty for a ratio.
     possible : bool
         Whether the cause explains the cells, explains all observations about as well as the best of nut,
-        bearing and both, has a plausible size and is significant.
+        bearing and both, has a plausible size and is significant. The nut needs not be significant.
     text : str
         Cause and amount in words.
     fit : float
-        Probability of a misfit of the cells as large as with this cause, if it is the true one.
+        Probability that cells with this cause have a misfit as large as the observed one, or larger.
     """
 
     name: str
@@ -109,28 +116,29 @@ class MassChanges:
 
     Parameters
     ----------
-    inertia, inertia_spread : float
+    log_mass, log_mass_spread : float
         Change of ln equivalent mass beyond the declared change of the load, and its standard uncertainty.
-    by_load : float
+    log_mass_by_load : float
         Change of ln equivalent mass per kg of load, 1/kg: one over the mass with the declared load.
-    frequency_ratio, frequency_ratio_spread : float or None
-        Change of ln (f_free/f_held)², of the frequencies with the rotor free and held. The ratio depends on
-        the masses alone.
-    frequency_ratio_by_load : float
-        Its change per kg, 1/kg.
-    friction : tuple of (float, float)
-        Changes of ln viscous and ln Coulomb friction, each with its standard uncertainty.
+    log_frequency_ratio, log_frequency_ratio_spread : float or None
+        Change of ln (f_free/f_held)², of the frequencies with the rotor free and held, beyond that by the
+        declared loads, and its standard uncertainty. The ratio depends on the masses alone.
+    log_frequency_ratio_by_load : float
+        Change of ln (f_free/f_held)² per kg of load, 1/kg.
+    log_friction : tuple of (float, float)
+        Changes of ln viscous and ln Coulomb friction, each with its standard uncertainty; without those that
+        a run does not determine.
     moving_mass : float
-        Of the model, with the load, kg.
+        By the model, with the load, kg.
     """
 
-    inertia: float
-    inertia_spread: float
-    by_load: float
-    frequency_ratio: float | None
-    frequency_ratio_spread: float | None
-    frequency_ratio_by_load: float
-    friction: tuple[tuple[float, float], ...]
+    log_mass: float
+    log_mass_spread: float
+    log_mass_by_load: float
+    log_frequency_ratio: float | None
+    log_frequency_ratio_spread: float | None
+    log_frequency_ratio_by_load: float
+    log_friction: tuple[tuple[float, float], ...]
     moving_mass: float
 
 
@@ -141,18 +149,19 @@ class CauseEvidence:
     Parameters
     ----------
     values : ndarray, shape (n,)
-        Y of each cell, then the changes of masses and friction.
+        Y of each of m cells, then the changes of masses and friction, then u − 1 by the softening, each where
+        it is known.
     covariance : ndarray, shape (n, n)
         Of ``values``, without the error terms that are compared as causes; it can be inverted.
     signatures : mapping of str to ndarray, shape (k, n)
-        Effect on ``values`` of each cause at its plausible size; k independent rows for a cause that can have
-        several forms along the axis.
+        Effect on ``values`` of each cause at its plausible size. A cause that can have several forms along
+        the axis has one row for each; their amounts are independent.
     sizes : mapping of str to float
         Plausible size of each cause, the standard deviation of its amount, in its unit.
     cell_covariance : ndarray, shape (m, m)
-        Of the cells alone, with all error terms and without the floor.
+        Of Y of the cells, with all error terms and without the floor.
     floor : ndarray, shape (m,)
-        As of :class:`~ballscrew.estimation.change.ComplianceChange`.
+        Standard deviation of Y by which each cell deviates from any model.
     """
 
     values: Array
@@ -165,9 +174,11 @@ class CauseEvidence:
 
 @dataclass(frozen=True, slots=True)
 class _CauseFit:
-    """Fit of one cause: log evidence up to a constant, unexplained χ², and amount with its uncertainty.
+    """Fit of one cause.
 
-    ``size`` and ``spread`` are the amount and its standard deviation over the plausible size.
+    ``log_evidence`` is known up to a constant that all causes share, ``chi2`` is that of the observations
+    after the fit, and ``size`` and ``spread`` are the amount and its standard deviation over the plausible
+    size.
     """
 
     log_evidence: float
@@ -191,9 +202,9 @@ def gather_evidence(
     Parameters
     ----------
     change : ComplianceChange
-        Of the cells.
+        Of m cells.
     masses : MassChanges or None
-        Since the baseline, where both runs have masses.
+        Since the baseline; None where a run does not determine its masses.
     assumptions : Assumptions
         Plausible sizes of the causes.
     temperature_difference : float, optional
@@ -216,25 +227,24 @@ def gather_evidence(
     compared_terms = [POSITION]
     if not load_corrected:
         compared_terms.append(DECLARED_LOAD)
-    cells = change_covariance(change, without=compared_terms)
-    all_errors = change_covariance(change, floor=False)
+    covariance_of_cells = change_covariance(change, without=compared_terms)
+    all_errors_of_cells = change_covariance(change, floor=False)
     if model_covariance is not None and change.by_parameters is not None:
         by_model = change.by_parameters.T @ model_covariance @ change.by_parameters
-        cells, all_errors = cells + by_model, all_errors + by_model
-    # An undeclared load lowers ln P by the softening by its part of the moving mass, and du = −u/3 d ln P.
+        covariance_of_cells = covariance_of_cells + by_model
+        all_errors_of_cells = all_errors_of_cells + by_model
+    # The softening determines moving mass over preload: a load that was not declared is read as a decrease of
+    # ln P by its part of the moving mass, and du = −u/3 d ln P, here at u = 1.
     softening_by_load = 1 / (3 * change.moving_mass)
-    rows = _other_rows(masses, assumptions, softening, softening_by_load)
-    count, added = len(change.y), len(rows)  # of cells, and of the other observations
-    values, spreads, by_load, by_torque, by_nut = rows.T
-    covariance = np.zeros((count + added, count + added))
-    covariance[:count, :count] = cells
-    covariance[range(count, count + added), range(count, count + added)] = spreads**2
+    others = _other_observations(masses, assumptions, softening, softening_by_load)
+    values, spreads, by_load, by_torque, by_nut = others.T
+    covariance = block_diag(covariance_of_cells, np.diag(spreads**2))
 
     def in_cells(signature: Array) -> Array:
-        """Signature in the cells, shape (n,) or (k, n), extended by 0 in the other observations."""
-        return np.pad(np.atleast_2d(signature), ((0, 0), (0, added)))
+        """Signature in the cells, shape (m,) or (k, m), extended by 0 in the other observations."""
+        return np.pad(np.atleast_2d(signature), ((0, 0), (0, len(others))))
 
-    nut = np.concatenate([change.nut, by_nut])[None]
+    nut = np.concatenate([change.nut_share, by_nut])[None]
     sizes = {
         "nut": priors.nut_size,
         "bearing": assumptions.bearing_size,
@@ -245,27 +255,30 @@ def gather_evidence(
     }
     signatures = {
         "nut": priors.nut_size * nut,
-        # A bearing that is stiffer by a part δ is more compliant by −δ.
-        "bearing": in_cells(-sizes["bearing"] * change.bearing),
-        "both": in_cells(-sizes["both"] * change.bearing),  # the nut is added in the fit
+        # A bearing whose rigidity grows by a small part of it loses the same part of its compliance.
+        "bearing": in_cells(-sizes["bearing"] * change.bearing_share),
+        "both": in_cells(-sizes["both"] * change.bearing_share),  # the nut is added in the fit
     }
     if not load_corrected:
         signatures["load"] = (sizes["load"] * np.concatenate([change.by_load, by_load]))[None]
     if masses is not None:
         sizes["torque"] = assumptions.torque_constant
-        signatures["torque"] = (sizes["torque"] * np.concatenate([np.zeros(count), by_torque]))[None]
-    signatures["position"] = in_cells(priors.position_size * (1 + change.y) * change.slope)
+        no_cell = np.zeros_like(change.y)
+        signatures["torque"] = (sizes["torque"] * np.concatenate([no_cell, by_torque]))[None]
+    # dY/dx = (1 + Y) d ln C/dx
+    signatures["position"] = in_cells(priors.position_size * (1 + change.y) * change.log_slope)
     signatures["local"] = in_cells(_local_directions(change, priors))
     travel = float(np.ptp(change.position))
     if travel > 0:
         along = (change.position - change.position.mean()) / travel
         sizes["gradient"] = priors.gradient_size
-        signatures["gradient"] = in_cells(-priors.gradient_size / 3 * along * change.nut)  # du = −d ln P/3
+        # du = −d ln P/3 at u = 1, here and for the temperature, the amount of which is a decrease of ln P.
+        signatures["gradient"] = in_cells(-priors.gradient_size / 3 * along * change.nut_share)
     if temperature_difference:
         sizes["temperature"] = assumptions.temperature * abs(temperature_difference)
-        signatures["temperature"] = sizes["temperature"] / 3 * nut  # du = d/3 by a fall d of ln P
+        signatures["temperature"] = sizes["temperature"] / 3 * nut
     observations = np.concatenate([change.y, values])
-    return CauseEvidence(observations, covariance, signatures, sizes, all_errors, change.floor)
+    return CauseEvidence(observations, covariance, signatures, sizes, all_errors_of_cells, change.floor)
 
 
 def compare_causes(
@@ -273,9 +286,9 @@ def compare_causes(
 ) -> tuple[PossibleCause, ...]:
     """Compare the causes.
 
-    Nut and bearing are fitted each alone and together. The other causes with nearly the signature of the nut
-    (zero of the position, temperature) are fitted alone, as alternatives to it. The remaining ones may
-    accompany a worn nut, so they are fitted together with it.
+    Nut and bearing are fitted alone, and together as the cause "both". The other causes with nearly the
+    signature of the nut (zero of the position, temperature) are fitted alone, as alternatives to it. The
+    remaining ones may accompany a worn nut, so they are fitted together with it.
 
     Parameters
     ----------
@@ -291,19 +304,20 @@ def compare_causes(
     """
     priors, nut = assumptions.priors, evidence.signatures["nut"]
     fits = {}
-    for name, own in evidence.signatures.items():
-        directions = own
+    for name, signature in evidence.signatures.items():
+        directions = signature
         if name not in _SIMILAR_TO_NUT:
-            directions = np.vstack([own, nut])
-        fits[name] = _fit_cause(evidence, directions, len(own))
+            directions = np.vstack([signature, nut])
+        fits[name] = _fit_cause(evidence, directions, len(signature))
     log_posteriors = [fit.log_evidence + math.log(priors.chances[name]) for name, fit in fits.items()]
     probabilities = softmax(log_posteriors).tolist()
     least_chi2 = min(fit.chi2 for name, fit in fits.items() if name in AXIAL)
     causes = []
     for (name, fit), probability in zip(fits.items(), probabilities, strict=True):
         significant = name == "nut" or abs(fit.size) > 2 * fit.spread
-        # The size of a cause of several directions is never below 0, so the evidence decides; likewise for a
-        # gradient, whose fit contains the nut.
+        # The size of a cause of several directions is a root mean square, which is above 0 without the cause
+        # too. Its evidence is compared with that of the nut alone, which its fit contains; likewise for a
+        # gradient.
         if len(evidence.signatures[name]) > 1 or name == "gradient":
             significant = fit.log_evidence > fits["nut"].log_evidence
         cell_fit = _probability_of_cells(evidence, name)
@@ -328,7 +342,7 @@ def compare_causes(
 
 
 def other_possible_causes(causes: Sequence[PossibleCause]) -> tuple[PossibleCause, ...]:
-    """Causes other than a change of the axial stiffness that explain a run about as well."""
+    """Possible causes of a change other than nut and bearing, in the order of ``causes``."""
     return tuple(cause for cause in causes if cause.possible and cause.name not in AXIAL)
 
 
@@ -338,9 +352,9 @@ def describe_cause(name: str, amount: float) -> str:
     Parameters
     ----------
     name : str
-        Of the cause.
+        Of the cause, as in :class:`PossibleCause`.
     amount : float
-        In its unit.
+        Of the cause, in its unit.
 
     Returns
     -------
@@ -348,65 +362,63 @@ def describe_cause(name: str, amount: float) -> str:
         For the middle of a sentence.
     """
     if name in ("nut", UNDECIDED):  # the amount is u − 1, and P/P₀ = u⁻³
-        change = max(1 + amount, 0.1) ** -3 - 1
-        size_of_change = f"{abs(100 * change):.1f} % {'more' if change > 0 else 'less'} preload"
+        change = max(1 + amount, _LEAST_U) ** -3 - 1
+        direction = "more" if change > 0 else "less"
+        preload_change = f"{abs(100 * change):.1f} % {direction} preload"
         if name == "nut":
-            return f"the nut, {size_of_change}"
-        return f"the nut or the support bearing: axial stiffness as with {size_of_change} of the nut"
+            return f"the nut, {preload_change}"
+        return f"the nut or the support bearing: axial stiffness as with {preload_change} of the nut"
+    text, positive, negative = _DESCRIPTIONS[name]
+    side = positive if amount > 0 else negative
     size = abs(amount)
-    digits = 1 if size >= 1e-3 else 2
-    text, above, below = _DESCRIPTIONS.get(name, _DESCRIPTIONS["local"])
-    return text.format(
-        percent=f"{100 * size:.{digits}f} %",
-        side=above if amount > 0 else below,
-        size=size,
-        millimetres=1e3 * amount,
-    )
+    digits = 1 if size >= 1e-3 else 2  # a second digit below 0.1 %
+    percent = f"{100 * size:.{digits}f} %"
+    return text.format(percent=percent, side=side, size=size, millimetres=1e3 * amount)
 
 
-def _other_rows(
+def _other_observations(
     masses: MassChanges | None,
     assumptions: Assumptions,
     softening: tuple[float, float] | None,
     softening_by_load: float,
 ) -> Array:
-    """Observations of masses, friction and softening, a row each, shape (m, 5).
+    """Observations of masses, friction and softening, a row for each, shape (k, 5).
 
-    Columns: value, standard deviation, and change of the value per kg of load, per relative error of the
-    torque, and per u − 1 of the nut. ``softening_by_load`` is that of the softening per kg.
+    The columns are the value, its standard deviation, and its change per kg of load, per relative error of
+    the torque, and per u − 1 of the nut. ``softening_by_load`` is the change of u by the softening per kg.
     """
     rows = []
     if masses is not None:
-        rows.append((masses.inertia, masses.inertia_spread, masses.by_load, 1.0, 0.0))
-        ratio, spread = masses.frequency_ratio, masses.frequency_ratio_spread
+        rows.append((masses.log_mass, masses.log_mass_spread, masses.log_mass_by_load, 1.0, 0.0))
+        ratio, spread = masses.log_frequency_ratio, masses.log_frequency_ratio_spread
         if ratio is not None and spread:
-            rows.append((ratio, spread, masses.frequency_ratio_by_load, 0.0, 0.0))
-        for value, own in masses.friction:
-            rows.append((value, math.hypot(own, assumptions.friction), 0.0, 1.0, 0.0))
+            rows.append((ratio, spread, masses.log_frequency_ratio_by_load, 0.0, 0.0))
+        for value, friction_spread in masses.log_friction:
+            rows.append((value, math.hypot(friction_spread, assumptions.friction), 0.0, 1.0, 0.0))
     if softening is not None:
         rows.append((*softening, softening_by_load, 0.0, 1.0))
     return np.array(rows).reshape(-1, 5)
 
 
 def _local_directions(change: ComplianceChange, priors: Priors) -> Array:
-    """Changes of Y by the independent directions of a local change at its plausible size, shape (k, n).
+    """Changes of Y by the independent directions of a local change at its plausible size, shape (k, m).
 
-    Changes of u at two stops are correlated by exp(−distance/length), so that steps along the axis are
-    possible.
+    There are as many as stops. Changes of u at two stops have the correlation exp(−distance/length), which
+    allows for a step of u along the axis.
     """
     stops = np.unique(change.position)
     correlation = np.exp(-np.abs(stops[:, None] - stops[None]) / priors.local_length)
-    size, axes = np.linalg.eigh(correlation)
-    root = axes * np.sqrt(np.clip(size, 0.0, None))
-    at = np.searchsorted(stops, change.position)
-    return np.asarray(priors.local_size * (root[at] * change.nut[:, None]).T)
+    eigenvalues, eigenvectors = np.linalg.eigh(correlation)
+    root = eigenvectors * np.sqrt(np.clip(eigenvalues, 0.0, None))  # the correlation is root @ root.T
+    stop_of_cell = np.searchsorted(stops, change.position)
+    return np.asarray(priors.local_size * (root[stop_of_cell] * change.nut_share[:, None]).T)
 
 
-def _fit_cause(evidence: CauseEvidence, directions: Array, own: int) -> _CauseFit:
-    """Fit of a cause by its directions, shape (k, n), each with an amount of 0 ± 1 before the data.
+def _fit_cause(evidence: CauseEvidence, directions: Array, count: int) -> _CauseFit:
+    """Fit of a cause by directions, shape (k, n), with amounts whose prior is standard normal.
 
-    The first ``own`` directions are the cause's. Its size is the amount of one, or the root mean square of
-    those of several.
+    The first ``count`` directions are those of the cause, and the others those of a worn nut. The size of a
+    cause of one direction is its amount, that of several directions their root mean square.
     """
     factor = cho_factor(evidence.covariance, lower=True)
     weighted = cho_solve(factor, directions.T)
@@ -419,25 +431,29 @@ def _fit_cause(evidence: CauseEvidence, directions: Array, own: int) -> _CauseFi
     log_determinant = float(np.linalg.slogdet(precision)[1])
     log_evidence = -0.5 * (chi2_without - float(projection @ amounts) + log_determinant)
     chi2 = chi2_without - 2 * float(amounts @ projection) + float(amounts @ information @ amounts)
-    if own == 1:
-        return _CauseFit(log_evidence, chi2, float(amounts[0]), math.sqrt(float(posterior[0, 0])))
-    size = math.sqrt(float(np.mean(amounts[:own] ** 2)))
-    return _CauseFit(log_evidence, chi2, size, math.sqrt(float(np.mean(np.diag(posterior)[:own]))))
+    size = float(amounts[0])
+    if count > 1:
+        size = math.sqrt(float(np.mean(amounts[:count] ** 2)))
+    spread = math.sqrt(float(np.mean(np.diag(posterior)[:count])))
+    return _CauseFit(log_evidence, chi2, size, spread)
 
 
 def _probability_of_cells(evidence: CauseEvidence, name: str) -> float:
     """Probability of a misfit of the cells as large as with a cause, whose size is fitted.
 
-    The directions of a cause that has several are not fitted, since they would explain any change; they are
+    The directions of a cause that has several are not fitted, since they would explain any change. They are
     added to the covariance with their plausible sizes.
     """
     count = len(evidence.floor)
-    own, nut = evidence.signatures[name][:, :count], evidence.signatures["nut"][:, :count]
-    # A cause that changes no cell, such as the torque, has nothing to fit.
-    covariance, fitted = evidence.cell_covariance, own[np.any(own != 0, axis=1)]
-    if name not in _SIMILAR_TO_NUT:
-        if len(own) > 1:
-            covariance, fitted = covariance + own.T @ own, nut
-        else:
+    signature = evidence.signatures[name][:, :count]
+    nut = evidence.signatures["nut"][:, :count]
+    covariance = evidence.cell_covariance
+    if len(signature) > 1:
+        covariance = covariance + signature.T @ signature
+        fitted = nut
+    else:
+        fitted = signature[np.any(signature != 0, axis=1)]  # nothing for a cause that changes no cell
+        if name not in _SIMILAR_TO_NUT:
             fitted = np.vstack([fitted, nut])
-    return misfit(evidence.values[:count], fitted.T, covariance, evidence.floor)[2]
+    _, _, probability = misfit(evidence.values[:count], fitted.T, covariance, evidence.floor)
+    return probability

@@ -1,4 +1,4 @@
-"""The change of the compliance in every cell, and the sources of its errors.
+"""The change of the compliance in each cell, and its error terms.
 
 Symbols are those of :mod:`ballscrew.estimation.compliance`: Y, s(x), u and the reference f₀, P₀.
 """
@@ -13,7 +13,7 @@ import numpy as np
 from ballscrew.base.arrays import Array
 
 DECLARED_LOAD, POSITION = "declared load", "position"
-"""Names of two error terms, as printed, that are also compared as causes of a change."""
+"""Printed names of two error terms, whose errors are also possible causes of a change."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,9 +25,9 @@ class ErrorTerm:
     name : str
         As printed.
     random : bool
-        Whether it differs from run to run.
+        Whether the error differs from run to run.
     effects : ndarray, shape (k, n)
-        Effects of k independent standard-normal errors on Y of n cells.
+        Effects on Y of n cells of k independent errors of this source, each of one standard deviation.
     """
 
     name: str
@@ -42,43 +42,45 @@ class ComplianceChange:
     Parameters
     ----------
     position : ndarray, shape (n,)
-        m.
+        Of each cell, m.
     condition : tuple of str
         PA, PD, NA or ND of each cell.
     motion : tuple of int
         Number of each cell's motion in the plan.
     y : ndarray, shape (n,)
-        Y.
-    nut : ndarray, shape (n,)
+        Y, relative.
+    nut_share : ndarray, shape (n,)
         s(x) = dY/du, the nut's share of the compliance in the state of the reference.
-    bearing : ndarray, shape (n,)
-        The thrust bearing's share of the same.
-    slope : ndarray, shape (n,)
-        d ln C/dx, 1/m.
+    bearing_share : ndarray, shape (n,)
+        The thrust bearing's share of the compliance in the state of the reference.
+    log_slope : ndarray, shape (n,)
+        d ln C/dx in the state of the reference, 1/m.
     by_load : ndarray, shape (n,)
         Change of Y per kg of load that was not declared, 1/kg.
     frequency : ndarray, shape (n,)
         f, Hz.
     moving_mass : float
-        Of the model, with the load, kg.
+        By the model, with the load, kg.
     terms : tuple of ErrorTerm
-        Every error of Y except that of the nut's share.
+        Errors of Y, except that of the nut's share.
     floor : ndarray, shape (n,)
-        Standard deviation of Y in each cell by which every model deviates from it.
+        Standard deviation of Y by which each cell deviates from any model, independently of the others.
     by_parameters : ndarray, shape (7, n), or None
-        Derivatives of Y by the model's working vector (:func:`ballscrew.axis.axial.to_vector`), where f₀ is
-        the model's frequency.
+        Derivatives of Y with respect to the model's working vector
+        (:func:`ballscrew.axis.axial.to_vector`), where f₀ is the model's frequency; None where it is that of
+        a run.
     own : ndarray, shape (n,), or None
-        Standard deviation of Y by the errors of each cell that no other cell shares; the terms contain them.
+        Standard deviation of Y by the errors of each cell that no other cell shares. The terms contain these
+        errors too.
     """
 
     position: Array
     condition: tuple[str, ...]
     motion: tuple[int, ...]
     y: Array
-    nut: Array
-    bearing: Array
-    slope: Array
+    nut_share: Array
+    bearing_share: Array
+    log_slope: Array
     by_load: Array
     frequency: Array
     moving_mass: float
@@ -96,9 +98,10 @@ def change_covariance(change: ComplianceChange, *, floor: bool = True, without: 
     change : ComplianceChange
         Of n cells.
     floor : bool
-        Whether the floor is included; with it the covariance can be inverted.
+        Whether the floor is included. With it the covariance can always be inverted; without it the cells may
+        have fewer independent errors than there are cells.
     without : sequence of str
-        Names of terms to leave out.
+        Names of the terms to omit.
 
     Returns
     -------

@@ -122,8 +122,8 @@ def fuse(change: ComplianceChange, model_covariance: Array | None = None) -> Fus
     for term in change.terms:
         terms[term.name] = (float(np.linalg.norm(term.effects @ weights)), term.random)
     terms[FLOOR] = (float(np.linalg.norm(change.floor * weights)), True)
-    residual = change.y - level * change.nut
-    chi2, degrees, probability = misfit(residual, change.nut[:, None], covariance, change.floor)
+    residual = change.y - level * change.nut_share
+    chi2, degrees, probability = misfit(residual, change.nut_share[:, None], covariance, change.floor)
     return FusedChange(level, weights, terms, by_parameters @ weights, residual, chi2, degrees, probability)
 
 
@@ -185,9 +185,9 @@ def _weights(change: ComplianceChange, covariance: Array) -> Array:
     """
     x = change.position - change.position.mean()
     half_travel = float(np.ptp(x)) / 2
-    basis = change.nut[:, None]
+    basis = change.nut_share[:, None]
     if len(np.unique(change.position)) > 2:
-        basis = np.stack([change.nut, change.nut * x / half_travel], axis=1)
+        basis = np.stack([change.nut_share, change.nut_share * x / half_travel], axis=1)
     spread = np.sqrt(np.diag(covariance))
     root_weight = np.ones_like(spread)
     for _ in range(_REWEIGHTINGS):

@@ -122,15 +122,15 @@ def mass_changes(
     coulomb_change, _ = friction.get("coulomb_N", (0.0, 0.0))
     ratio, ratio_spread = _frequency_ratio_change(run, baseline, model)
     return MassChanges(
-        inertia=math.log(mass / expected),
+        log_mass=math.log(mass / expected),
         # A change of the friction makes an error of the fitted mass.
-        inertia_spread=math.hypot(relative_spread, assumptions.mass_friction * coulomb_change),
-        by_load=1 / expected,
-        frequency_ratio=ratio,
-        frequency_ratio_spread=ratio_spread,
-        frequency_ratio_by_load=1 / (model.rotor + (model.mass + run.mass_kg)),
+        log_mass_spread=math.hypot(relative_spread, assumptions.mass_friction * coulomb_change),
+        log_mass_by_load=1 / expected,
+        log_frequency_ratio=ratio,
+        log_frequency_ratio_spread=ratio_spread,
+        log_frequency_ratio_by_load=1 / (model.rotor + (model.mass + run.mass_kg)),
         moving_mass=model.mass + run.mass_kg,
-        friction=tuple(friction.values()),
+        log_friction=tuple(friction.values()),
     )
 
 
@@ -163,8 +163,8 @@ def check_mass(
         return MassCheck("unknown", None, 0.0, 0.0, text)
     probabilities = {cause.name: cause.probability for cause in causes}
     load, torque = probabilities.get("load", 0.0), probabilities.get("torque", 0.0)
-    expected = 1 / masses.by_load  # equivalent mass with the declared load, kg
-    change = Quantity(expected * math.expm1(masses.inertia), expected * masses.inertia_spread, "kg")
+    expected = 1 / masses.log_mass_by_load  # equivalent mass with the declared load, kg
+    change = Quantity(expected * math.expm1(masses.log_mass), expected * masses.log_mass_spread, "kg")
     found = (
         f"the equivalent mass has changed by {change.value:+.2f} kg ± {change.standard_uncertainty:.2f} kg"
     )

@@ -359,7 +359,7 @@ def bearing_over_nut(change: ComplianceChange, fused: FusedChange) -> float:
 
     Mean over the cells by the weights with which they were fused.
     """
-    return float(change.bearing @ fused.weights) / float(change.nut @ fused.weights)
+    return float(change.bearing_share @ fused.weights) / float(change.nut_share @ fused.weights)
 
 
 def nut_ratios(

@@ -228,7 +228,7 @@ def _limit(
     if _another_test(measured, reference, model) or _frf_fault(run, reference.run, settings.deviations):
         return None
     masses = mass_changes(run, reference.run, model.model, settings.assumptions)
-    if masses is not None and abs(masses.inertia) > settings.deviations * masses.inertia_spread:
+    if masses is not None and abs(masses.log_mass) > settings.deviations * masses.log_mass_spread:
         return None
     limit = release_limit(run, reference.run, model)
     return limit if limit is not None and limit < 1 else None
@@ -275,7 +275,7 @@ def _disagreements(
     """
     assumptions, limit = settings.assumptions, settings.deviations
     masses = mass_changes(measured.run, reference.run, model.model, assumptions)
-    other_mass = masses is not None and abs(masses.inertia) > limit * masses.inertia_spread
+    other_mass = masses is not None and abs(masses.log_mass) > limit * masses.log_mass_spread
     misfit = fused.probability < max(assumptions.false_alarm, settings.suspect)
     faults: list[str] = []
     notes: list[str] = []

@@ -133,7 +133,7 @@ def _fit(axes: Axes, estimate: PreloadEstimate) -> None:
     change, fused = estimate.change, estimate.fused
     assert change is not None and fused is not None  # noqa: S101, PT018  checked by the caller
     order = np.argsort(change.position)
-    x, nut = 1e3 * change.position[order], 100 * change.nut[order]
+    x, nut = 1e3 * change.position[order], 100 * change.nut_share[order]
     half = COVERAGE * fused.spread
     axes.plot(x, fused.level * nut, color=canvas.ANF, lw=1.6, label="fit of one preload")
     axes.fill_between(
