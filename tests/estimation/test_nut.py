@@ -12,7 +12,13 @@ from tests.monitoring.histories import unloading
 from ballscrew.axis.hertz import RELEASE
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.estimation.nut import NutEvidence, contradiction, nut_quantity, nut_ratios, release_limit
+from ballscrew.estimation.nut import (
+    NutEvidence,
+    describe_contradiction,
+    nut_quantity,
+    nut_ratios,
+    release_limit,
+)
 from ballscrew.estimation.preload import preload
 
 BEARING_OVER_NUT = 0.5
@@ -34,7 +40,7 @@ def test_stiffness_and_softening_exclude_each_other_beyond_one_in_a_hundred(
     ratio: float, excluded: bool
 ) -> None:
     assert (deviation(ratio) > 2.6) == excluded
-    assert bool(contradiction(STIFFNESS, BEARING_OVER_NUT, evidence(ratio))) == excluded
+    assert bool(describe_contradiction(STIFFNESS, BEARING_OVER_NUT, evidence(ratio))) == excluded
 
 
 def test_an_interval_of_two_results_that_exclude_each_other_contains_both() -> None:

@@ -1,19 +1,20 @@
-"""Check of the declared load by the run's own masses against the baseline's.
+"""Check of the declared load by the equivalent masses of run and baseline.
 
 The equivalent mass of a run is force over acceleration. A heavier load increases it, and so does a torque
 constant that has drifted as the motor warmed up. They differ in their other effects: a load changes every
 frequency and the ratio of the rotor-free to the rotor-held one; a torque constant changes neither, but
-friction appears to change in the same proportion as the mass. The rules:
+friction appears to change in the same proportion as the mass. The first of these rules that applies decides:
 
 1. The equivalent mass has not changed significantly, at 95 %: the declared load stands. If all observations
    together give odds of ten that it is wrong all the same, the run is refused.
-2. The torque constant is declared as trusted: the load is corrected by the change of the equivalent mass. It
-   is declared as not trusted: the load stands.
-3. All observations decide, see :mod:`ballscrew.estimation.causes`. The load is corrected where a wrong load
-   is thirty times as probable as a drifted torque constant; in the opposite case it stands.
-4. Neither is that probable. The preload is estimated for a correction between none and the whole, weighted
-   by the two probabilities, with an interval that contains both; where they are too far apart for such an
-   interval to be of use, the run is refused.
+2. The user states that the torque constant is trusted: the load is corrected by the change of the equivalent
+   mass. The user states that it is not trusted: the load stands.
+3. All observations together decide, see :mod:`ballscrew.estimation.causes`: where a wrong load is more than
+   thirty times as probable as a drifted torque constant, the load is corrected; in the opposite case it
+   stands.
+4. The observations do not decide. The correction is the part of the change that is the probability of a wrong
+   load among the two, and the interval of the preload contains those without correction and with the whole
+   one. Where these two preloads differ too much for such an interval to be useful, the run is refused.
 """
 
 from __future__ import annotations
@@ -33,10 +34,10 @@ from ballscrew.modal.cell import CellKey, CellResult
 from ballscrew.modal.run import RigidBodyResult, Run
 
 Decision = Literal["declared", "corrected", "torque", "undecided", "unknown"]
-_LEAST_VALUE = 1e-9  # kg, N or N s/m: a mass or friction that is not larger has no logarithm to compare
+_LEAST_VALUE = 1e-9  # kg, N or N s/m: the logarithm of a smaller mass or friction is not compared
 _LARGEST_UNCERTAINTY = 10.0  # relative standard uncertainty from which a value is not used
 
-_Uncertain = tuple[float, float]  # value and standard uncertainty
+_ValueAndUncertainty = tuple[float, float]  # in one unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,18 +47,18 @@ class MassCheck:
     Parameters
     ----------
     decision : {"declared", "corrected", "torque", "undecided", "unknown"}
-        In this order: the declared load stands; it is corrected; it stands, since the torque constant has
-        drifted or is declared as not trusted; undecided; not checked, since a run has no equivalent mass.
+        The declared load stands; it is corrected; it stands, since the torque constant has drifted or is not
+        trusted; the observations do not decide; or it is not checked, since a run has no equivalent mass.
     change : Quantity or None
         Of the equivalent mass since the baseline beyond the declared change of the load, kg.
     correction : float
         Correction of the declared load, which is added to it, kg.
     standard_uncertainty : float
-        Of the run's load, kg, where the masses determine it; 0 where the declared load stands.
+        Of the corrected load, kg; 0 where the declared load stands with its assumed uncertainty.
     text : str
         The decision and its reason in words.
     undetectable : float
-        Largest plausible error of the load that the masses would not show, kg, where it would change the
+        Largest plausible error of the load that the masses do not detect, kg, where it would change the
         preload by more than the half-width of its interval; else 0.
     refused : bool
         Whether the load is too uncertain to estimate the preload.
@@ -91,47 +92,60 @@ def mass_changes(
 
     Parameters
     ----------
-    run, baseline : Run
-        Two runs of one axis; the baseline may be None.
+    run : Run
+        Analysed.
+    baseline : Run or None
+        Of the same axis.
     model : AxialModel
-        For the moving mass and the rotor.
+        With the moving mass and the rotor.
     assumptions : Assumptions
-        For the errors that repeat from run to run.
+        With the errors that differ from run to run.
 
     Returns
     -------
     MassChanges or None
-        None without a baseline, or where a run has no equivalent mass.
+        None without a baseline, or where a run has no load or no equivalent mass.
     """
-    if baseline is None:
+    if baseline is None or run.mass_kg is None or baseline.mass_kg is None:
         return None
-    now = _with_repeatability(run.rigid_body, "equivalent_mass_kg", assumptions.repeats)
-    then = _with_repeatability(baseline.rigid_body, "equivalent_mass_kg", assumptions.repeats)
-    if now is None or then is None or run.mass_kg is None or baseline.mass_kg is None:
+    of_run = _with_repeatability(run.rigid_body, "equivalent_mass_kg", assumptions.repeats)
+    of_baseline = _with_repeatability(baseline.rigid_body, "equivalent_mass_kg", assumptions.repeats)
+    if of_run is None or of_baseline is None:
         return None
-    (mass, spread), (before, spread_before) = now, then
-    expected = before + run.mass_kg - baseline.mass_kg
+    mass, spread = of_run
+    base_mass, base_spread = of_baseline
+    expected = base_mass + run.mass_kg - baseline.mass_kg
     if expected <= 0:
         return None
-    relative_spread = math.hypot(spread / mass, spread_before / before, assumptions.mass_repeats)
-    friction = {}
-    for name in ("viscous_N_s_per_m", "coulomb_N"):
-        new, old = _with_repeatability(run.rigid_body, name), _with_repeatability(baseline.rigid_body, name)
-        if new is not None and old is not None:
-            friction[name] = math.log(new[0] / old[0]), math.hypot(new[1] / new[0], old[1] / old[0])
+    relative_spread = math.hypot(spread / mass, base_spread / base_mass, assumptions.mass_repeats)
+    friction = _friction_changes(run.rigid_body, baseline.rigid_body)
     coulomb_change, _ = friction.get("coulomb_N", (0.0, 0.0))
     ratio, ratio_spread = _frequency_ratio_change(run, baseline, model)
     return MassChanges(
         log_mass=math.log(mass / expected),
-        # A change of the friction makes an error of the fitted mass.
+        # The rigid-body fit does not separate a change of the friction from the mass completely.
         log_mass_spread=math.hypot(relative_spread, assumptions.mass_friction * coulomb_change),
         log_mass_by_load=1 / expected,
         log_frequency_ratio=ratio,
         log_frequency_ratio_spread=ratio_spread,
+        # The ratio is 1 + m_t/m_r.
         log_frequency_ratio_by_load=1 / (model.rotor + (model.mass + run.mass_kg)),
         moving_mass=model.mass + run.mass_kg,
         log_friction=tuple(friction.values()),
     )
+
+
+def _friction_changes(body: RigidBodyResult, baseline: RigidBodyResult) -> dict[str, _ValueAndUncertainty]:
+    """Changes of ln friction with their standard uncertainties, of each friction that both runs determine."""
+    changes = {}
+    for name in ("viscous_N_s_per_m", "coulomb_N"):
+        of_run = _with_repeatability(body, name)
+        of_baseline = _with_repeatability(baseline, name)
+        if of_run is not None and of_baseline is not None:
+            value, spread = of_run
+            base_value, base_spread = of_baseline
+            changes[name] = math.log(value / base_value), math.hypot(spread / value, base_spread / base_value)
+    return changes
 
 
 def check_mass(
@@ -145,13 +159,13 @@ def check_mass(
     Parameters
     ----------
     masses : MassChanges or None
-        Since the baseline.
+        Since the baseline; None where a run does not determine its equivalent mass.
     causes : sequence of PossibleCause
-        Compared on all observations.
+        By all observations of the run with its declared load.
     sensitivity : float
-        Change of the preload per kg of load over the standard uncertainty of the preload, 1/kg.
+        Change of the preload per kg of load, over the standard uncertainty of the preload, 1/kg.
     assumptions : Assumptions
-        Whether the torque is trusted, and the odds that decide.
+        Whether the torque constant is trusted, and the odds that decide.
 
     Returns
     -------
@@ -161,8 +175,10 @@ def check_mass(
     if masses is None:
         text = "a run has no equivalent mass, so the declared load could not be checked"
         return MassCheck("unknown", None, 0.0, 0.0, text)
+    # Probabilities that the load is wrong, and that the torque constant has drifted.
     probabilities = {cause.name: cause.probability for cause in causes}
-    load, torque = probabilities.get("load", 0.0), probabilities.get("torque", 0.0)
+    load = probabilities.get("load", 0.0)
+    torque = probabilities.get("torque", 0.0)
     expected = 1 / masses.log_mass_by_load  # equivalent mass with the declared load, kg
     change = Quantity(expected * math.expm1(masses.log_mass), expected * masses.log_mass_spread, "kg")
     found = (
@@ -199,8 +215,8 @@ def _without_change(
 ) -> MassCheck:
     """Rule 1: the equivalent mass has not changed significantly.
 
-    ``found`` is the beginning of the sentence, ``plausible`` the standard deviation of an error of the load
-    (kg), and ``load`` the probability that it is wrong.
+    ``change`` is that of the equivalent mass, ``found`` the beginning of the sentence, ``plausible`` the
+    standard deviation of an error of the load (kg), and ``load`` the probability of such an error.
     """
     spread = change.standard_uncertainty
     if load > assumptions.priors.load_odds * (1 - load):
@@ -225,35 +241,40 @@ def _undecided(
 ) -> MassCheck:
     """Rule 4: the odds of a wrong load against a drifted torque constant do not decide.
 
-    ``found`` is the beginning of the sentence; ``load`` and ``torque`` are the probabilities of the two.
+    ``change`` is that of the equivalent mass, ``found`` the beginning of the sentence, and ``load`` and
+    ``torque`` are the probabilities of the two causes.
     """
     found += ", and a wrongly declared load explains it about as well as a drifted torque constant"
     size = abs(change.value)
     if size * sensitivity > assumptions.priors.separation:
         text = f"{found}: the preload cannot be estimated"
         return MassCheck("undecided", change, 0.0, size, text, refused=True)
-    part = load / max(load + torque, 1e-12)  # of the change that is corrected
-    # The 95 % interval about this correction contains no correction and that of the whole change.
-    to_farther_end = size * max(part, 1 - part) / NORMAL_95
-    spread = math.hypot(to_farther_end, part * change.standard_uncertainty)
+    part = load / max(load + torque, 1e-12)  # of the change, by which the load is corrected
+    # The 95 % interval about this correction contains no correction and that by the whole change.
+    half_width = size * max(part, 1 - part)
+    spread = math.hypot(half_width / NORMAL_95, part * change.standard_uncertainty)
     text = f"{found}: the interval contains the preload with and without the correction"
     return MassCheck("undecided", change, part * change.value, spread, text)
 
 
 def _describe_odds(more: float, less: float) -> str:
-    """Ratio of two probabilities in words."""
+    """Ratio of two probabilities in words; ``more`` is the larger one."""
     if less > more * 1e-3:
         return f"{more / less:.0f} times as probable"
     return "more than 1000 times as probable"
 
 
-def _with_repeatability(body: RigidBodyResult, name: str, repeats: float = 0.0) -> _Uncertain | None:
-    """Value and repeatability of a rigid-body result; None where missing or too uncertain.
+def _with_repeatability(
+    body: RigidBodyResult, name: str, repeats: float = 0.0
+) -> _ValueAndUncertainty | None:
+    """Value and repeatability of a rigid-body result; None where it is missing or too uncertain.
 
-    Errors of the fit by friction and filters are alike in both runs. Where a run states no repeatability, the
-    part ``repeats`` of the variance is taken as common to both runs.
+    The repeatability is the standard uncertainty without the errors of the fit that are alike in both runs,
+    such as those by filters. Where a run states none, the part ``repeats`` of the variance is assumed to be
+    common to both runs.
     """
-    value, whole_spread = getattr(body, name), body.standard_uncertainty.get(name)
+    value = getattr(body, name)
+    whole_spread = body.standard_uncertainty.get(name)
     if value is None or whole_spread is None:
         return None
     spread = body.repeatability.get(name, math.sqrt(1 - repeats) * whole_spread)
@@ -265,39 +286,44 @@ def _with_repeatability(body: RigidBodyResult, name: str, repeats: float = 0.0) 
 def _frequency_ratio_change(run: Run, baseline: Run, model: AxialModel) -> tuple[float | None, float | None]:
     """Change of ln (f_free/f_held)² beyond that by the declared loads, and its standard uncertainty.
 
-    (f_free/f_held)² is 1 + m_t/m_r with the moving mass m_t and the rotor's m_r. Both results are medians
-    over the cells; the uncertainty is that of a single cell, since the error is common to all cells.
+    (f_free/f_held)² is 1 + m_t/m_r with the moving mass m_t and the mass m_r of the rotor. Both results are
+    medians over the cells that both runs have. The uncertainty is that of one cell, since the errors of all
+    cells are common.
     """
     if not math.isfinite(model.rotor) or run.mass_kg is None or baseline.mass_kg is None:
         return None, None
     without_load = model.rotor + model.mass
     declared = math.log((without_load + run.mass_kg) / (without_load + baseline.mass_kg))
-    now, then = _frequency_ratios(run), _frequency_ratios(baseline)
+    ratios = _log_frequency_ratios(run)
+    base_ratios = _log_frequency_ratios(baseline)
     changes, spreads = [], []
-    for cell in now.keys() & then.keys():
-        changes.append(now[cell][0] - then[cell][0] - declared)
-        spreads.append(math.hypot(now[cell][1], then[cell][1]))
+    for cell in ratios.keys() & base_ratios.keys():
+        ratio, spread = ratios[cell]
+        base_ratio, base_spread = base_ratios[cell]
+        changes.append(ratio - base_ratio - declared)
+        spreads.append(math.hypot(spread, base_spread))
     if not changes:
         return None, None
     return float(np.median(changes)), float(np.median(spreads))
 
 
-def _frequency_ratios(run: Run) -> dict[CellKey, _Uncertain]:
+def _log_frequency_ratios(run: Run) -> dict[CellKey, _ValueAndUncertainty]:
     """Value of ln (f_free/f_held)² and its standard uncertainty in each cell that has both frequencies."""
     ratios = {}
     for cell in run.cells:
-        ratio = _frequency_ratio(cell)
+        ratio = _log_frequency_ratio(cell)
         if ratio is not None and cell.verdict != "refused":
             ratios[cell.key.rounded] = ratio
     return ratios
 
 
-def _frequency_ratio(cell: CellResult) -> _Uncertain | None:
+def _log_frequency_ratio(cell: CellResult) -> _ValueAndUncertainty | None:
     """Value of ln (f_free/f_held)² in a cell with its standard uncertainty; None without both frequencies."""
     free, rotor_held = cell.frequency_Hz, cell.rotor_held_frequency_Hz
-    u_free, u_rotor_held = cell.standard_uncertainty_Hz, cell.rotor_held_standard_uncertainty_Hz
-    if free is None or rotor_held is None or u_free is None or u_rotor_held is None:
+    free_spread, rotor_held_spread = cell.standard_uncertainty_Hz, cell.rotor_held_standard_uncertainty_Hz
+    if free is None or rotor_held is None or free_spread is None or rotor_held_spread is None:
         return None
     if free <= 0 or rotor_held <= 0:
         return None
-    return 2 * math.log(free / rotor_held), 2 * math.hypot(u_free / free, u_rotor_held / rotor_held)
+    spread = 2 * math.hypot(free_spread / free, rotor_held_spread / rotor_held)
+    return 2 * math.log(free / rotor_held), spread

@@ -21,9 +21,9 @@ from ballscrew.estimation.inflation import is_inflated
 from ballscrew.estimation.mass_check import MassCheck
 from ballscrew.estimation.nut import (
     NutEvidence,
-    contradiction,
+    describe_contradiction,
     describe_release,
-    not_identifiable,
+    describe_unidentifiable,
     ratio_below,
     release_limit,
 )
@@ -152,10 +152,10 @@ def why_nut_uncertain(estimate: PreloadEstimate, evidence: NutEvidence, bearing_
     reasons = []
     low, high = estimate.relative_interval
     if not evidence.separates and not low <= 1 <= high:
-        reasons.append(not_identifiable(bearing_over_nut))
+        reasons.append(describe_unidentifiable(bearing_over_nut))
     stiffness = estimate.stiffness_relative_to_baseline
     if stiffness is not None:
-        reason = contradiction(stiffness, bearing_over_nut, evidence)
+        reason = describe_contradiction(stiffness, bearing_over_nut, evidence)
         if reason:
             reasons.append(reason)
     if _is_too_wide(nut):

@@ -18,9 +18,9 @@ from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.nut import (
-    contradiction,
+    describe_contradiction,
     describe_release,
-    not_identifiable,
+    describe_unidentifiable,
     nut_quantity,
     ratio_below,
 )
@@ -221,11 +221,11 @@ def _nut_reasons(
     if math.isnan(ratio):
         return ()
     evidence = evidence_of_nut(good[-1], good, chart, settings)
-    if state.stiffness is not None and (reason := contradiction(state.stiffness, ratio, evidence)):
+    if state.stiffness is not None and (reason := describe_contradiction(state.stiffness, ratio, evidence)):
         return (reason,)
     if evidence.separates or state.state not in ("watch", "alarm"):
         return ()
-    return (not_identifiable(ratio),)
+    return (describe_unidentifiable(ratio),)
 
 
 def _stage(
