@@ -74,7 +74,8 @@ def reprocess(
         names = list(axes) or list(session.scalars(select(Axis.name).order_by(Axis.name)))
         for name in names:  # the history stays, however many new results there are
             _choose_method(session, find_axis(session, name))
-        tasks, failures = _tasks(session, store, names, options)
+        tasks, archived = _tasks(session, store, names, options)
+    failures = []
     for done, (task, result) in enumerate(analysed(tasks, workers, scheduler), 1):
         if isinstance(result, str):
             failures.append(f"run {task.run[:12]}: {result}")
@@ -91,7 +92,12 @@ def reprocess(
         for document in compared:
             switch_axis(store, document["axis"], options)
             document["switched"] = True
-    return {"schema": SCHEMA, "analyzed": len(tasks) - len(failures), "failures": failures, "axes": compared}
+    analyzed = len(tasks) - len(failures)
+    for document in compared:
+        if not document["switched"]:  # after a switch their former results count
+            runs = archived[document["axis"]]
+            failures += [f"run {run[:12]}: its raw files are archived or deleted" for run in runs]
+    return {"schema": SCHEMA, "analyzed": analyzed, "failures": failures, "axes": compared}
 
 
 def _choose_method(session: Session, axis: Axis) -> None:
@@ -105,16 +111,17 @@ def _choose_method(session: Session, axis: Axis) -> None:
 
 def _tasks(
     session: Session, store: OpenStore, names: Iterable[str], options: AnalysisOptions
-) -> tuple[list[Task], list[str]]:
-    """Runs with raw files and without a result by the method; sentences on those that cannot be analysed."""
+) -> tuple[list[Task], dict[str, list[str]]]:
+    """Runs without a result by the method: those with raw files, and of each axis those without."""
     target = find_target(session, options)
     done = set()
     if target is not None:
         done = set(session.scalars(select(ResultRow.run_id).where(ResultRow.method_id == target.id)))
-    tasks, failures = [], []
+    tasks: list[Task] = []
+    archived: dict[str, list[str]] = {}
     for name in names:
         axis = find_axis(session, name)
-        switched = target is not None and axis.method_id == target.id
+        archived[name] = []
         found = session.execute(
             select(Source, RunRow)
             .join(RunRow, RunRow.id == Source.run_id)
@@ -126,17 +133,15 @@ def _tasks(
                 continue
             done.add(run.id)
             files = stored_files(session, run, source.stated["files"])
-            if files is None and switched:
-                continue  # its former result counts
             if files is None:
-                failures.append(f"run {run.run[:12]}: its raw files are archived or deleted")
+                archived[name].append(run.run)
             else:
                 texts = {}
                 for kind, key in source.stated["documents"].items():
                     texts[kind] = session.get_one(Document, key).text
                 folder = str(store.folder.files.resolve())
                 tasks.append(Task(run.run, folder, files, texts, source.stated, options.method))
-    return tasks, failures
+    return tasks, archived
 
 
 def _insert(store: OpenStore, document: dict[str, Any]) -> None:
