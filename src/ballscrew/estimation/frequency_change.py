@@ -1,4 +1,4 @@
-"""Change of the frequency of each cell from one run to another, with its uncertainty."""
+"""Difference of the frequencies of two runs in each cell, with its uncertainty."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ballscrew.modal.run import Run
 def frequency_changes(run: Run, other: Run) -> dict[CellKey, Quantity]:
     """Frequency of each cell of a run less that of the same cell of another run.
 
-    Errors that repeat from run to run of an axis cancel as far as they are correlated; between two axes they
-    do not. A change of load or temperature is not corrected.
+    Errors that repeat from run to run of one axis cancel as far as they are correlated; those of two axes are
+    independent. A change of load or temperature is not corrected.
 
     Parameters
     ----------
@@ -26,15 +26,17 @@ def frequency_changes(run: Run, other: Run) -> dict[CellKey, Quantity]:
     Returns
     -------
     dict of CellKey to Quantity
-        Hz, of the cells that have a frequency in both, by their keys in ``run``.
+        Differences, Hz, of the cells that have a frequency in both runs, by their keys in ``run``.
 
     Raises
     ------
     InputError
         If a run has no load.
     """
-    # The error by the load on the nut is taken as one that repeats, as it does at one preload.
-    table, other_table = (with_repeating_load(frequency_table(each)) for each in (run, other))
+    # A table states the error by the load on the nut as random, since it depends on the wear. At one preload
+    # it repeats.
+    table = with_repeating_load(frequency_table(run))
+    other_table = with_repeating_load(frequency_table(other))
     rows, other_rows = paired_cells(table, other_table)
     if not rows:
         return {}
@@ -42,8 +44,8 @@ def frequency_changes(run: Run, other: Run) -> dict[CellKey, Quantity]:
     if run.axis is not None and run.axis == other.axis:
         correlation = REPEATS
     covariance = joint_covariance([table, other_table], correlation)
-    after = np.array(other_rows) + len(table.frequency)  # rows of the other run's cells in the covariance
-    variance = covariance[rows, rows] + covariance[after, after] - 2 * covariance[rows, after]
+    joint_rows = np.array(other_rows) + len(table.frequency)  # of the other run's cells in the covariance
+    variance = covariance[rows, rows] + covariance[joint_rows, joint_rows] - 2 * covariance[rows, joint_rows]
     spread = np.sqrt(np.maximum(variance, 0.0))
     changes = {}
     for row, other_row, uncertainty in zip(rows, other_rows, spread.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""Larger uncertainty for a run whose cells one preload does not explain."""
+"""Increased uncertainty of a run whose cells one preload does not explain."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ballscrew.estimation.fusion import FusedChange
 LOCAL = "a change at some stops"
 GRADIENT = "a screw warmer at one end"
 UNEXPLAINED = "misfit without a known cause"
-"""Names of the error terms of a misfit, as printed."""
+"""Printed names of the error terms of a misfit."""
 
 
 def inflate_uncertainty(
@@ -23,39 +23,41 @@ def inflate_uncertainty(
 ) -> FusedChange:
     """Add the misfit of the cells to the uncertainty of the change.
 
-    If a change at some stops is a possible cause, the term is the standard deviation by which changes of that
-    size at random stops move the mean. If a screw that is warmer at one end is, the cold end may be the one
-    that has not changed, and the term is half of the change from end to end. If no known cause explains them,
-    all uncertainties are taken as too small by the same factor √(χ²/ν) (Birge, 1932, DOI
-    10.1103/PhysRev.40.207).
+    The possible cause of the misfit determines the added term; of two, the more probable one does:
+
+    - a change at some stops: the standard deviation of u by changes of that size at random stops;
+    - a screw that is warmer at one end: half of the change from end to end, since it is not known which end
+      has not changed;
+    - none that is known: all uncertainties are assumed to be too small by the same factor √(χ²/ν) (Birge,
+      1932, DOI 10.1103/PhysRev.40.207).
 
     Parameters
     ----------
     fused : FusedChange
-        Of the cells.
+        Of a run.
     evidence : CauseEvidence
-        Of the same run.
+        Of the same change.
     causes : sequence of PossibleCause
-        By :func:`~ballscrew.estimation.causes.compare_causes` from this evidence.
+        By :func:`~ballscrew.estimation.causes.compare_causes` from this evidence, the most probable first.
     assumptions : Assumptions
-        With ``false_alarm``: cells whose misfit is less probable are not explained by one preload.
+        With ``false_alarm``, the probability of a misfit below which one preload does not explain the cells.
 
     Returns
     -------
     FusedChange
-        With an additional term in these three cases; unchanged where one preload explains the cells, or any
-        other cause does.
+        With an additional term in these three cases; unchanged where one preload or another cause explains
+        the cells.
     """
     if fused.probability >= assumptions.false_alarm:
         return fused
     others = other_possible_causes(causes)
     for cause in others:
         if cause.name == "gradient":
-            # Half of the amount, which is a change of ln P, and du = −u/3 d ln P.
+            # Half of the amount, which is a difference of ln P; du = −u/3 d ln P.
             return _with_term(fused, GRADIENT, abs(cause.amount) / 6 * fused.u)
         if cause.name == "local":
             relative_size = cause.amount / evidence.sizes["local"]
-            # Changes of u by the independent forms of a local change, each at its plausible size.
+            # Changes of the fused u by the independent forms of a local change, each at its plausible size.
             shifts = evidence.signatures["local"][:, : len(fused.weights)] @ fused.weights
             return _with_term(fused, LOCAL, relative_size * float(np.linalg.norm(shifts)))
     if others:
@@ -67,7 +69,7 @@ def inflate_uncertainty(
 
 
 def with_misfit_of(fused: FusedChange, other: FusedChange) -> FusedChange:
-    """The change with the misfit term of another change of the same run, in proportion to u."""
+    """The change with the misfit term of another change of the same run, at the same relative size of u."""
     for name in (LOCAL, GRADIENT, UNEXPLAINED):
         if name in other.terms and other.u > 0:
             fused = _with_term(fused, name, other.terms[name][0] * fused.u / other.u)
@@ -75,7 +77,7 @@ def with_misfit_of(fused: FusedChange, other: FusedChange) -> FusedChange:
 
 
 def is_inflated(fused: FusedChange) -> bool:
-    """Whether a misfit is part of the uncertainty."""
+    """Whether the uncertainty contains a misfit of the cells."""
     return not fused.terms.keys().isdisjoint((LOCAL, GRADIENT, UNEXPLAINED))
 
 

@@ -1,4 +1,4 @@
-"""Loss of an end of a screw that is fixed at both ends, by the shape of the change along the screw."""
+"""Loss of one end of a screw that is fixed at both ends, by the shape of the change along the screw."""
 
 from __future__ import annotations
 
@@ -9,36 +9,38 @@ from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
 
-# Curvature of the growth of the compliance over minus the model's, which is 1 for an end that is lost: less
-# where it is lost in some conditions or trips only; more since the model's curvature is uncertain.
+# Limits of the curvature of the compliance's growth over minus that of the model, which is 1 for a lost end.
+# It is less where the end is lost in some conditions or trips only, and the model's curvature is uncertain.
 _LEAST_CURVATURE, _MOST_CURVATURE = 0.4, 2.5
 
 
 def lost_end(
     change: ComplianceChange, fused: FusedChange, model: AxialModel, assumptions: Assumptions
 ) -> list[str]:
-    """Reason to doubt a preload where an end of the screw seems to carry no longer.
+    """Reason to doubt a preload where one end of the screw seems to carry no load any more.
 
-    C_n and C_f are the compliances of shaft and bearing to the near and to the far end. Both ends together
-    make C_n C_f / (C_n + C_f) at the nut, a parabola along the screw. Without the far end it is C_n: the
-    compliance grows by C_n²/(C_n + C_f), a parabola of the opposite curvature with its vertex beyond the near
-    end. A nut, which changes everywhere alike, has no such shape.
+    Let C_n and C_f be the compliances of shaft and bearing between the nut and the near end, at the thrust
+    bearing, and between the nut and the far end. Both ends in parallel have C_n C_f / (C_n + C_f), a parabola
+    along the screw. Without the far end it is C_n: the compliance grows by C_n²/(C_n + C_f), a parabola of
+    the opposite curvature with its vertex beyond the near end. A change of the nut adds the same compliance
+    at every position.
 
     Parameters
     ----------
     change : ComplianceChange
         Of the cells.
     fused : FusedChange
-        With the misfit of the cells.
+        With the misfit of these cells.
     model : AxialModel
         Of the axis; its curve is negative where both ends carry.
     assumptions : Assumptions
-        ``false_alarm`` is the probability of a misfit below which the nut alone does not explain the cells.
+        With ``false_alarm``, the probability of a misfit below which the nut alone does not explain the
+        cells.
 
     Returns
     -------
     list of str
-        Empty where the screw has one fixed end, or the change another shape.
+        The reason, or none where the screw is fixed at one end, or the change has another shape.
     """
     if model.curve >= 0 or fused.probability >= assumptions.false_alarm:
         return []
