@@ -25,8 +25,8 @@ from ballscrew.recording.quality.finding import Quality
 
 Frequency = Quantity | NaturalFrequency
 
-_METHOD = "joint"  # of the cells: its frequencies are those of a nut without outer load, as these are
-_CONDITION = "PA"  # of all cells, each of which needs one; it has no effect
+_METHOD = "joint"  # its frequencies are those of a nut without outer load, as the given ones are
+_CONDITION = "PA"  # of all cells; a cell has a condition, which has no effect here
 
 
 def preload_from_frequency(
@@ -75,43 +75,45 @@ def preload_from_frequency(
     >>> model = ballscrew.read_model("MODEL.json")  # doctest: +SKIP
     >>> ballscrew.preload_from_frequency(f, model, "225 mm", "100 kg")  # doctest: +SKIP
     """
-    places = [parse(place, "m") for place in _listed(position)]
+    positions = [parse(each, "m") for each in _as_list(position)]
     mass = parse(load, "kg")
     check_setting("the load in kg", mass, least=0.0)
-    if not places:
+    if not positions:
         raise InputError("no position was given; each frequency needs that of the table.")
     if isinstance(model, DataSheet):
-        model = axis_of_sheet(model, (min(places) + max(places)) / 2, mass)
-    _check_places(places, model)
-    run = _run(_listed(frequency), places, mass, model)
-    base = None if baseline is None else _run(_listed(baseline), places, mass, model)
+        model = axis_of_sheet(model, (min(positions) + max(positions)) / 2, mass)
+    _check_positions(positions, model)
+    run = _run(_as_list(frequency), positions, mass, model)
+    base = None if baseline is None else _run(_as_list(baseline), positions, mass, model)
     return preload(run, model, base, assumptions=assumptions, accept=accept)
 
 
-def _listed(given: Any) -> list[Any]:
-    """Members of a sequence or array, or the one value."""
+def _as_list(given: Any) -> list[Any]:
+    """Members of a sequence or array, or the single value."""
     if isinstance(given, Iterable) and not isinstance(given, str):
         return [*given]
     return [given]
 
 
-def _check_places(places: Sequence[float], model: CalibratedAxis) -> None:
+def _check_positions(positions: Sequence[float], model: CalibratedAxis) -> None:
     """Refuse a position that is not on the screw, where the model states the data sheet."""
     screw = model.made.settings.get("sheet", {}).get("screw")
     if screw is not None:
         zero = screw["bearing_to_zero"]
-        for place in places:
-            check_setting("the position in m", place, least=-zero, most=screw["length"] - zero)
+        for position in positions:
+            check_setting("the position in m", position, least=-zero, most=screw["length"] - zero)
 
 
-def _run(frequencies: list[Any], places: list[float], load: float, model: CalibratedAxis) -> Run:
-    """Run whose cells have the given frequencies."""
-    if len(frequencies) != len(places):
-        raise InputError(f"each frequency needs a position; {len(frequencies)} and {len(places)} were given.")
-    method = next((used.method for used in model.runs if used.method), _METHOD)
+def _run(frequencies: list[Any], positions: list[float], load: float, model: CalibratedAxis) -> Run:
+    """Run whose cells have the given frequencies; its method is that of the calibration."""
+    if len(frequencies) != len(positions):
+        raise InputError(
+            f"each frequency needs a position; {len(frequencies)} and {len(positions)} were given."
+        )
+    method = _method_of_calibration(model)
     cells = tuple(
-        _cell(frequency, place, number, method)
-        for number, (frequency, place) in enumerate(zip(frequencies, places, strict=True))
+        _cell(frequency, position, number, method)
+        for number, (frequency, position) in enumerate(zip(frequencies, positions, strict=True))
     )
     inputs = {"frequencies": digest([asdict(cell) for cell in cells])}
     return Run(
@@ -129,11 +131,20 @@ def _run(frequencies: list[Any], places: list[float], load: float, model: Calibr
     )
 
 
-def _cell(frequency: Any, place: float, number: int, method: str) -> CellResult:
-    """Cell with a given frequency; ``number``, its motion, distinguishes it from others at its position."""
+def _method_of_calibration(model: CalibratedAxis) -> str:
+    """Method of the runs of a calibration."""
+    for used in model.runs:
+        if used.method:
+            return used.method
+    return _METHOD
+
+
+def _cell(frequency: Any, position: float, motion: int, method: str) -> CellResult:
+    """Cell with a given frequency; ``motion`` distinguishes it from other cells at its position."""
     reasons: tuple[str, ...] = ()
     if isinstance(frequency, NaturalFrequency):
-        reasons, frequency = frequency.reasons, frequency.frequency
+        reasons = frequency.reasons
+        frequency = frequency.frequency
     known = isinstance(frequency, Quantity) and frequency.unit in ("", "Hz")
     if not known or not frequency.standard_uncertainty > 0:
         raise InputError(
@@ -143,5 +154,5 @@ def _cell(frequency: Any, place: float, number: int, method: str) -> CellResult:
     verdict = "suspect" if reasons else "good"
     value, spread = frequency.value, frequency.standard_uncertainty
     check_setting("the frequency in Hz", value, above=0.0)
-    cell = CellResult(place, _CONDITION, number, 1, value, spread, None, method, verdict, ())
+    cell = CellResult(position, _CONDITION, motion, 1, value, spread, None, method, verdict, ())
     return cell.with_reasons(*(Reason("other", text) for text in reasons))

@@ -2,10 +2,10 @@
 
     P = P_ref · (P₀/P_ref) · (P/P₀),  P/P₀ = u⁻³,  u = 1 + (change of the compliance) / (the nut's share)
 
-is a power of a ratio, so its interval is not symmetric. P_ref is the reference preload of the model and P₀
-that of the baseline. P_ref, the share and P₀/P_ref are sampled together from the posterior of the
+P_ref is the reference preload of the model and P₀ that of the baseline. P is a power of a ratio, so its
+interval is not symmetric. P_ref, the nut's share and P₀/P_ref are sampled together from the posterior of the
 calibration, in which the tolerances of the data sheet are limits (:mod:`ballscrew.calibration.tolerances`)
-and its K may be stated in another convention (:mod:`ballscrew.calibration.conventions`).
+and its rigidity K may be stated in another convention (:mod:`ballscrew.calibration.conventions`).
 """
 
 from __future__ import annotations
@@ -34,30 +34,33 @@ from ballscrew.estimation.temperature import NO_CORRECTION, TemperatureCorrectio
 SAMPLES = 10_000
 """Number of samples: they determine the ends of a 95 % interval to 1 % of its width."""
 
-_SEED = 20_241  # of the random numbers: every estimate has the same
+_SEED = 20_241  # of the random numbers, which are the same in every estimate
 _SURPLUS = 4  # samples generated for each that is used, where tolerances exclude some
-_BEARING = 0.15  # relative uncertainty of the bearing's share: manufacturers state its rigidity to ± 30 %
-_GOLDEN = (math.sqrt(5) - 1) / 2  # its multiples spread the conventions evenly over the order of the samples
-_MOST_RATIO = 1e3  # of P₀/P_ref, and of its inverse, in a sample: no axis lies beyond, and u would overflow
+# Relative standard uncertainty of the bearing's share: half of the ± 30 % to which manufacturers state its
+# rigidity.
+_BEARING = 0.15
+_GOLDEN = (math.sqrt(5) - 1) / 2  # fractional parts of its multiples are spread evenly from 0 to 1
+_MOST_RATIO = 1e3  # largest P₀/P_ref, and largest inverse of it, in a sample: no axis has more
 
 _PROBABLE = 0.15
-"""Probability of a convention from which the interval of the stiffness contains its own 95 % interval.
+"""Least probability of a convention whose own 95 % interval is part of the interval of the stiffness.
 
-The ends of the whole interval cut 2.5 % of all samples off, which are the outer tail of the outermost
-convention: 17 % of one with this probability. On 82 random axes whose K is of a preloaded nut but stated as
-R_nu,ar or as of a nut with clearance, 10 and 9 % of the good intervals miss without this, 4 and 5 % with it
-(``benchmarks.conventions``, seeds 500 to 581). The nut's interval contains the bearing's drift besides.
+The interval excludes 2.5 % of all samples at either end. If the samples of one convention lie at that end,
+17 % of those of a convention with this probability would be excluded. On 82 random axes whose K is of a
+preloaded nut but stated as R_nu,ar or as of a nut with clearance, 10 and 9 % of the good intervals miss the
+true value without this extension, and 4 and 5 % with it (``benchmarks.conventions``, seeds 500 to 581). The
+interval of the nut is not extended, since it contains the bearing's change too.
 """
 
 _SHARE = PARAMETERS.index("share")
 _PRELOAD = PARAMETERS.index("preload")
-_SIZE = len(PARAMETERS)
-# Columns of the standard-normal numbers: errors of the run's u, of the nut's share by the lumped model, of
+_PARAMETER_COUNT = len(PARAMETERS)
+# Columns of standard-normal numbers for the errors of the run's u, of the nut's share by the lumped model, of
 # the temperature's slope, and of a P₀/P_ref that is estimated by the model. One column for each tolerance
 # follows.
 _OWN, _SHARE_ERROR, _TEMPERATURE, _BASELINE = range(4)
 _COLUMNS = 4
-# Columns of those for the nut alone: the bearing's change, the softening under load, and the bearing's share.
+# Columns of those for the nut alone: the bearing's change, and the errors of softening and bearing's share.
 _DRIFT, _SOFTENING, _BEARING_SHARE = range(3)
 
 
@@ -71,36 +74,39 @@ class PosteriorSamples:
     base : FrequencyTable or None
         Of the baseline; None where the model is the reference.
     assumptions : Assumptions
-        For the errors that no run shows.
+        Sizes of the errors that no run determines.
 
     Attributes
     ----------
     reference_ratio : float
-        P₀/P_ref: from the calibration, where the baseline is one of its runs; else estimated from the
-        baseline by the model. 1 without a baseline; NaN if the frequencies of the baseline lie above those of
-        an infinitely stiff nut.
+        P₀/P_ref: by the calibration where the baseline is one of its runs, else estimated from the
+        frequencies of the baseline by the model. 1 without a baseline; NaN if the frequencies of the baseline
+        lie above those of an infinitely stiff nut.
     has_known_baseline : bool
-        Whether P₀/P_ref is known without an estimate: from the calibration, or as there is no baseline.
+        Whether P₀/P_ref is known without such an estimate: the baseline is a run of the calibration, or there
+        is none.
     """
 
     def __init__(self, model: CalibratedAxis, base: FrequencyTable | None, assumptions: Assumptions) -> None:
         self._model, self._base, self._assumptions = model, base, assumptions
         deviations, self._normal, convention = _calibration_samples(model)
-        # Samples of each convention of K that is probable enough, as masks.
+        # Masks of the samples of each convention of K that is probable enough, shape (n,).
         masks = [convention == number for number in np.unique(convention)]
         self._conventions = [mask for mask in masks if mask.mean() >= _PROBABLE]
         self._nut_normal = _standard_normal(_SEED + 1, SAMPLES, 3)
-        # Samples of the working vector and of each group's ln(P/P_ref), both less the calibration's; of the
-        # nut's share; and of P_ref, N.
-        self._vector, log_ratios = deviations[:, :_SIZE], deviations[:, _SIZE:]
+        # Samples of the working vector, shape (n, 7), and of each group's ln(P/P_ref), shape (n, groups), as
+        # deviations from the calibration; of the nut's share, and of P_ref, N, both of shape (n,).
+        self._vector = deviations[:, :_PARAMETER_COUNT]
+        log_ratios = deviations[:, _PARAMETER_COUNT:]
         self._share = 1 / (1 + np.exp(-(model.vector[_SHARE] + self._vector[:, _SHARE])))
         self._reference_preloads = model.model.preload * np.exp(self._vector[:, _PRELOAD])
         group = None if base is None else model.group_of(base.id)
-        # The change of a baseline that was not calibrated, against the model.
+        # Change, against the model, of a baseline that is not a run of the calibration.
         self._base_by_model: tuple[ComplianceChange, FusedChange] | None = None
         self.has_known_baseline = base is None or group is not None
         if base is None:
-            self.reference_ratio, self._reference_ratios = 1.0, np.ones(len(deviations))
+            self.reference_ratio = 1.0
+            self._reference_ratios = np.ones(len(deviations))
         elif group is not None:
             self.reference_ratio = math.exp(model.log_ratios[group])
             self._reference_ratios = self.reference_ratio * np.exp(log_ratios[:, group])
@@ -129,10 +135,10 @@ class PosteriorSamples:
         evidence : NutEvidence
             Of nut and support bearing.
         by_model : tuple of ComplianceChange and FusedChange, optional
-            Of the run against the model, where the calibration did not contain the baseline. The preload in
-            newtons is then estimated from it, so that errors of the baseline do not affect it; where the
-            nut's softening separates nut and bearing, it is the baseline's preload by the model times the
-            nut's P/P₀.
+            Of the run against the model, where the baseline is not a run of the calibration. The preload in
+            newtons is then estimated from it, so that errors of the baseline do not affect it. Where the
+            nut's softening separates nut and bearing, the preload in newtons is instead that of the baseline,
+            estimated by the model, times the nut's P/P₀.
 
         Returns
         -------
@@ -142,28 +148,30 @@ class PosteriorSamples:
         if not fused.u > 0:
             return None
         # P over its reference by the axial stiffness.
-        ratios = self._ratios(change, fused, self._reference_ratios, fused.spread, temperature)
-        best = fused.u**-3 * math.exp(-temperature.shift)
-        stiffness = quantity_from_samples(best, ratios, parts=self._conventions)
+        ratios = self._ratios(change, fused, self._reference_ratios, temperature)
+        ratio = fused.u**-3 * math.exp(-temperature.shift)
+        stiffness = quantity_from_samples(ratio, ratios, parts=self._conventions)
         if stiffness is None:
             return None
-        nut_best, nut_samples = self._nut(best, ratios, change, fused, evidence, temperature)
-        model_ratio, model_ratios, random_part = self._relative_to_model(
-            nut_best, nut_samples, fused, temperature, evidence, by_model
+        nut_ratio, nut_samples = self._nut(ratio, ratios, change, fused, evidence, temperature)
+        model_ratio, model_samples, random_part = self._relative_to_model(
+            nut_ratio, nut_samples, fused, temperature, evidence, by_model
         )
         to_model = force = None
         if model_ratio > 0:
-            to_model = quantity_from_samples(model_ratio, model_ratios)
+            to_model = quantity_from_samples(model_ratio, model_samples)
         if to_model is not None:
             preload = model_ratio * self._model.model.preload
-            force = quantity_from_samples(preload, model_ratios * self._reference_preloads, "N")
+            force = quantity_from_samples(preload, model_samples * self._reference_preloads, "N")
+        # ``relative`` is the ratio whose uncertainty is reported in parts and terms.
         to_baseline, relative = None, to_model
         if self._base is not None:
-            to_baseline, relative = quantity_from_samples(nut_best, nut_samples), stiffness
+            to_baseline = quantity_from_samples(nut_ratio, nut_samples)
+            relative = stiffness
         if relative is None:
             return None
-        # The random parts are linear approximations, so they are limited to the whole.
-        random_ratio = min(3 * best / fused.u * fused.random, relative.standard_uncertainty)
+        # The random parts are linear approximations, and may exceed the standard uncertainty by samples.
+        random_ratio = min(3 * ratio / fused.u * fused.random, relative.standard_uncertainty)
         preload_ratio = random_force = systematic_force = None
         if force is not None:
             preload_ratio = _divided(force, self._model.load_rating)
@@ -180,27 +188,31 @@ class PosteriorSamples:
             systematic_N=systematic_force,
             random_ratio=random_ratio,
             systematic_ratio=_remaining(relative.standard_uncertainty, random_ratio),
-            terms=self._terms(change, fused, best, temperature),
+            terms=self._terms(change, fused, ratio, temperature),
         )
 
     def _nut(
         self,
-        best: float,
+        ratio: float,
         ratios: Array,
         change: ComplianceChange,
         fused: FusedChange,
         evidence: NutEvidence,
         temperature: TemperatureCorrection,
     ) -> tuple[float, Array]:
-        """P/P₀ of the nut and its samples, shape (n,), from those of the stiffness."""
-        # The bearing has the same part of the compliance that is not the nut's as in the data sheet.
-        others = (1 - self._share) / (1 - self._model.model.share)
-        nut_share = self._share / self._model.model.share
+        """P/P₀ of the nut and its samples, shape (n,).
+
+        ``ratio`` and ``ratios`` are those of the axial stiffness, the latter of shape (n,).
+        """
+        # The bearing's part of the compliance that is not the nut's is that of the data sheet, so bearing
+        # over nut varies with the nut's share s in proportion to (1 − s)/s.
+        rest_factor = (1 - self._share) / (1 - self._model.model.share)
+        nut_factor = self._share / self._model.model.share
         bearing_factor = 1 + _BEARING * self._nut_normal[:, _BEARING_SHARE]
-        bearing = bearing_over_nut(change, fused) * others / nut_share * np.maximum(bearing_factor, 0.0)
+        bearing = bearing_over_nut(change, fused) * rest_factor / nut_factor * np.maximum(bearing_factor, 0.0)
         normal = self._nut_normal[:, [_DRIFT, _SOFTENING]]
         samples, weight = nut_ratios(ratios, bearing, evidence, normal, temperature.shift)
-        u = best ** (-1 / 3)
+        u = ratio ** (-1 / 3)
         if evidence.log_ratio is not None:
             u_by_softening = math.exp((temperature.shift - evidence.log_ratio) / 3)
             u += weight * (u_by_softening - u)
@@ -208,7 +220,7 @@ class PosteriorSamples:
 
     def _relative_to_model(
         self,
-        nut_best: float,
+        nut_ratio: float,
         nut_samples: Array,
         fused: FusedChange,
         temperature: TemperatureCorrection,
@@ -217,25 +229,27 @@ class PosteriorSamples:
     ) -> tuple[float, Array, float]:
         """P/P_ref of the nut, its samples, shape (n,), and the random part of the uncertainty of ln P.
 
-        ``nut_best`` and ``nut_samples`` are the nut's P/P₀; the others are as for :meth:`estimate`.
+        ``nut_ratio`` and ``nut_samples`` are P/P₀ of the nut and its samples; the others are as for
+        :meth:`estimate`.
         """
         random_part = fused.log_preload_spread(fused.random)
         if by_model is None:
-            return nut_best * self.reference_ratio, nut_samples * self._reference_ratios, random_part
+            return nut_ratio * self.reference_ratio, nut_samples * self._reference_ratios, random_part
         if evidence.log_ratio is None or self._base_by_model is None:
             ratio, ratios = self._against_model(*by_model, temperature, evidence)
-            return ratio, ratios, by_model[1].log_preload_spread(by_model[1].random)
-        ratio, ratios = self._against_model(*self._base_by_model, NO_CORRECTION, evidence)
-        return nut_best * ratio, nut_samples * ratios, random_part
+            _, fused_by_model = by_model
+            return ratio, ratios, fused_by_model.log_preload_spread(fused_by_model.random)
+        base_ratio, base_ratios = self._against_model(*self._base_by_model, NO_CORRECTION, evidence)
+        return nut_ratio * base_ratio, nut_samples * base_ratios, random_part
 
     def _reference_ratio_by_model(self, base: FrequencyTable) -> tuple[float, Array]:
-        """P₀/P_ref of a baseline that the calibration did not contain, and its samples, shape (n,)."""
+        """P₀/P_ref of a baseline that is not a run of the calibration, and its samples, shape (n,)."""
         model = self._model
         change = change_from_model(base, model.model, model.bearing_share, self._assumptions)
         fused = fuse(change, model.covariance)
         self._base_by_model = change, fused
         noise = self._normal[:, _BASELINE] * fused.spread
-        # The error of the share by the lumped model counts once, in the change since the baseline.
+        # The error of the share by the lumped model is already part of the change since the baseline.
         u = self._u_samples(change, fused, np.ones(len(noise)), noise, share_error=0.0)
         ratio = math.nan
         if fused.u > 0:
@@ -260,7 +274,8 @@ class PosteriorSamples:
         u0 = np.cbrt(1 / np.clip(reference_ratios, 1 / _MOST_RATIO, _MOST_RATIO))[:, None]
         share = (self._share * (1 + share_error * self._normal[:, _SHARE_ERROR]))[:, None]
         compliance = 1 + model.slope * from_centre + model.curve * from_centre**2 + share * (u0 - 1)
-        # Weighted mean of the nut's share of the compliance, over that with which the cells were fused.
+        # weights · Y = (weights · s)(u − 1), where s are the nut's shares in a sample; weights · s is 1 for
+        # those of the model.
         nut = (share * u0 / compliance) @ fused.weights
         return np.asarray(1 + (fused.level + noise + self._vector @ fused.by_parameters) / nut)
 
@@ -269,20 +284,20 @@ class PosteriorSamples:
         change: ComplianceChange,
         fused: FusedChange,
         reference_ratios: Array,
-        spread: float,
         temperature: TemperatureCorrection,
     ) -> Array:
         """Samples of P/P₀, shape (n,), corrected to the temperature of the reference.
 
-        ``reference_ratios`` are samples of P₀/P_ref, shape (n,); ``spread`` is the standard uncertainty of u.
+        ``reference_ratios`` are samples of P₀/P_ref, shape (n,).
         """
         own = self._normal[:, _OWN]
-        u = self._u_samples(change, fused, reference_ratios, spread * own, self._assumptions.share)
+        u = self._u_samples(change, fused, reference_ratios, fused.spread * own, self._assumptions.share)
         log_error = np.zeros_like(own)  # of the temperature's shift of ln P
         if temperature.spread:
-            own_spread = fused.log_preload_spread(spread)
-            # The slope was fitted against the same baseline, so the correction contains its error too. Both
-            # ln(P/P₀) and −shift fall where these errors are positive: their signs cancel in the correlation.
+            own_spread = fused.log_preload_spread(fused.spread)
+            # Change and slope of the temperature refer to the same baseline, so the errors of ln(P/P₀) and of
+            # −shift are correlated. Positive ``own`` and positive ``log_error`` decrease one each, so that
+            # these two have the same correlation.
             correlation = 0.0
             if own_spread:
                 correlation = float(np.clip(temperature.shared / (own_spread * temperature.spread), -1, 1))
@@ -300,19 +315,23 @@ class PosteriorSamples:
         """P/P_ref of the nut by a change against the model, and its samples, shape (n,)."""
         at_reference = np.ones(len(self._reference_ratios))
         independent = replace(temperature, shared=0.0)  # the model contains no error of the baseline
-        ratios = self._ratios(change, fused, at_reference, fused.spread, independent)
+        ratios = self._ratios(change, fused, at_reference, independent)
         if not fused.u > 0:
             return 0.0, ratios
-        # The softening is known relative to the baseline, whose preload is not known relative to the model.
-        alone = NutEvidence(self._assumptions.bearing_spread, evidence.stated)
-        best = fused.u**-3 * math.exp(-temperature.shift)
-        return self._nut(best, ratios, change, fused, alone, temperature)
+        # The softening gives the nut's preload relative to the baseline's, and not relative to the model's.
+        without_softening = NutEvidence(self._assumptions.bearing_spread, evidence.stated)
+        ratio = fused.u**-3 * math.exp(-temperature.shift)
+        return self._nut(ratio, ratios, change, fused, without_softening, temperature)
 
     def _terms(
-        self, change: ComplianceChange, fused: FusedChange, best: float, temperature: TemperatureCorrection
+        self, change: ComplianceChange, fused: FusedChange, ratio: float, temperature: TemperatureCorrection
     ) -> tuple[UncertaintyPart, ...]:
-        """Standard uncertainty of P over its reference by each term, the largest first."""
-        per_u = 3 * best / fused.u  # |d(P/P₀)/du|
+        """Standard uncertainty of P over its reference by each term, the largest first.
+
+        ``ratio`` is P over its reference by the axial stiffness. Without a baseline it is the nut's too, so
+        that the support bearing is a term.
+        """
+        per_u = 3 * ratio / fused.u  # |d(P/P₀)/du|
         terms = []
         for name, (spread, random) in fused.terms.items():
             terms.append(UncertaintyPart(name, per_u * spread, random))
@@ -325,31 +344,45 @@ class PosteriorSamples:
             by_bearing = bearing_over_nut(change, fused) * self._assumptions.bearing_spread
             terms.append(UncertaintyPart("support bearing", per_u * by_bearing, False))
         if temperature.spread:
-            terms.append(UncertaintyPart(temperature.name, best * temperature.spread, False))
+            terms.append(UncertaintyPart(temperature.name, ratio * temperature.spread, False))
         return tuple(sorted(terms, key=lambda term: -term.standard_uncertainty))
 
 
 def share_uncertainty(model: CalibratedAxis, assumptions: Assumptions) -> float:
-    """Relative standard uncertainty of the nut's share: by calibration, conventions of K and lumped model."""
+    """Relative standard uncertainty of the nut's share: by calibration, conventions of K and lumped model.
+
+    Parameters
+    ----------
+    model : CalibratedAxis
+        With the covariance of its parameters and the other possible conventions of K.
+    assumptions : Assumptions
+        With ``share``, the relative error of the share by the lumped model.
+
+    Returns
+    -------
+    float
+        As a part of the share.
+    """
     probability = np.array([other.probability for other in model.conventions])
     change = np.array([other.change[_SHARE] for other in model.conventions])
-    # Variance of the logit over all conventions; the stated one, which is not among them, has a change of 0.
+    # Variance of logit share over all conventions. The stated one is not among those of the model, and its
+    # change is 0.
     by_convention = math.sqrt(max(float(probability @ change**2 - (probability @ change) ** 2), 0.0))
     logit_spread = math.hypot(model.standard_uncertainty("share"), by_convention)
     return math.hypot((1 - model.model.share) * logit_spread, assumptions.share)  # d ln s = (1 − s) d logit s
 
 
 def normal_samples(covariance: Array, others: int, count: int = SAMPLES) -> tuple[Array, Array]:
-    """Samples of a normal distribution, and standard-normal numbers independent of them.
+    """Samples of a normal distribution of mean 0, and standard-normal numbers independent of them.
 
-    They are the same in every call.
+    Every call with the same parameters returns the same numbers.
 
     Parameters
     ----------
     covariance : ndarray, shape (m, m)
         Positive semi-definite.
     others : int
-        Number of columns of standard-normal numbers in addition.
+        Number of columns of standard-normal numbers.
     count : int
         Number of samples, even.
 
@@ -361,8 +394,8 @@ def normal_samples(covariance: Array, others: int, count: int = SAMPLES) -> tupl
         Standard-normal numbers.
     """
     numbers = _standard_normal(_SEED, count, len(covariance) + others)
-    size, axes = np.linalg.eigh((covariance + covariance.T) / 2)
-    root = axes * np.sqrt(np.clip(size, 0.0, None))  # the covariance is root @ root.T
+    eigenvalues, eigenvectors = np.linalg.eigh((covariance + covariance.T) / 2)
+    root = eigenvectors * np.sqrt(np.clip(eigenvalues, 0.0, None))  # the covariance is root @ root.T
     return numbers[:, : len(covariance)] @ root.T, numbers[:, len(covariance) :]
 
 
@@ -380,9 +413,9 @@ def quantity_from_samples(
     Parameters
     ----------
     value : float
-        Best estimate.
+        Best estimate, in ``unit``.
     samples : ndarray, shape (n,)
-        Of the quantity; infinite where nothing bounds it.
+        Of the quantity, in ``unit``; infinite where nothing bounds it.
     unit : str
         Of the quantity.
     parts : sequence of ndarray of bool, shape (n,)
@@ -391,32 +424,33 @@ def quantity_from_samples(
     Returns
     -------
     Quantity or None
-        None where the 95 % interval, from the 2.5 % to the 97.5 % quantile, has no upper end. The standard
-        uncertainty is the standard deviation, with samples outside the 0.5 % and 99.5 % quantiles moved to
-        these; where the upper one is infinite, half of the distance between the quantiles at one standard
-        deviation.
+        None where the 95 % interval, from the 2.5 % to the 97.5 % quantile, has no upper end. The interval is
+        extended where it does not contain ``value``. The standard uncertainty is the standard deviation of
+        the samples, those outside the 0.5 % and 99.5 % quantiles being moved to these. Where the upper one is
+        infinite, it is half of the distance between the 15.9 % and 84.1 % quantiles.
     """
-    quantiles = [0.005, 0.15866, 0.84134, 0.995]  # the inner two at ± 1 standard deviation
+    quantiles = [0.005, 0.15866, 0.84134, 0.995]  # the inner two at ± 1 standard deviation of a normal one
     lowest, below, above, highest = np.quantile(samples, quantiles, method="nearest")
     whole_and_parts = [samples, *(samples[mask] for mask in parts)]
     ends = [np.quantile(values, [0.025, 0.975], method="nearest") for values in whole_and_parts]
-    low, high = np.min(ends), np.max(ends)
+    low, high = float(np.min(ends)), float(np.max(ends))
     if not np.isfinite([value, low, below, above, high]).all():
         return None
     spread = float(above - below) / 2
     if np.isfinite(highest):
         spread = float(np.std(np.clip(samples, lowest, highest)))
-    return Quantity(value, spread, unit, (min(float(low), value), max(float(high), value)))
+    return Quantity(value, spread, unit, (min(low, value), max(high, value)))
 
 
 def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array, NDArray[np.intp]]:
     """Samples of the calibration's posterior, standard-normal numbers, and the convention of each sample.
 
     The samples are deviations of the working vector and of ln(P/P_ref) of each group of runs from the most
-    probable values, shape (n, 7 + groups); those that the tolerances of the data sheet exclude are replaced.
-    Each other convention of the sheet's K has samples in proportion to its probability: its change is added,
-    and its estimates of the sheet's numbers replace those of the stated convention. The convention is the
-    index in ``model.conventions``, shape (n,), and their number for the stated one.
+    probable values, shape (n, 7 + groups); those that the tolerances of the data sheet exclude are replaced
+    by others. Each other convention of the sheet's K has samples in proportion to its probability: its change
+    is added to them, and its estimates of the sheet's numbers are compared with the tolerances instead of
+    those of the stated convention. The convention of a sample, shape (n,), is its index in
+    ``model.conventions``; the stated one has the number of these.
     """
     covariance = np.block(
         [[model.covariance, model.cross_covariance], [model.cross_covariance.T, model.log_ratio_covariance]]
@@ -425,19 +459,25 @@ def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array, NDArray[n
     if model.tolerances:
         count = _SURPLUS * SAMPLES
     deviations, normal = normal_samples(covariance, _COLUMNS + len(model.tolerances), count)
-    place = np.arange(SAMPLES) * _GOLDEN % 1  # evenly spread over the samples
+    # Numbers from 0 to 1, spread evenly in every part of the samples, assign the conventions to them.
+    even = np.arange(SAMPLES) * _GOLDEN % 1
     ends = np.cumsum([other.probability for other in model.conventions])
-    convention = np.searchsorted(ends, place, side="right")
+    convention = np.searchsorted(ends, even, side="right")
     chosen = np.empty(SAMPLES, dtype=np.intp)
     change = np.zeros((SAMPLES, deviations.shape[1]))
     for number, other in enumerate([*model.conventions, None]):  # None is the stated convention
-        mask, tolerances = convention == number, model.tolerances
+        mask = convention == number
+        tolerances = model.tolerances
         if other is not None:
             change[mask] = other.change
             pairs = zip(tolerances, other.estimates.tolist(), strict=True)
             tolerances = tuple(replace(row, estimate=estimate) for row, estimate in pairs)
         rows = resample_within_tolerances(
-            tolerances, model.prior_covariance, deviations[:, :_SIZE], normal[:, _COLUMNS:], SAMPLES
+            tolerances,
+            model.prior_covariance,
+            deviations[:, :_PARAMETER_COUNT],
+            normal[:, _COLUMNS:],
+            SAMPLES,
         )
         chosen[mask] = rows[mask]
     return deviations[chosen] + change, normal[chosen], convention
@@ -449,7 +489,7 @@ def _preload_ratios(u: Array) -> Array:
 
 
 def _remaining(whole: float, part: float) -> float:
-    """Standard uncertainty ``whole`` less the contribution ``part``, which is independent of the rest."""
+    """Standard uncertainty that remains of ``whole`` without ``part``, which is independent of the rest."""
     return math.sqrt(max(whole**2 - part**2, 0.0))
 
 

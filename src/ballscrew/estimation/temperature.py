@@ -1,10 +1,10 @@
 """Effect of the axis's temperature on its preload: fitted to baselines, or assumed, and corrected.
 
-ln P of a run against the first baseline changes in proportion to the difference of their temperatures; the
-factor is called the slope. Its prior is that of the calibration, where its runs determine one; further
-baselines are added (:func:`~ballscrew.calibration.temperature.fit_temperature_slope`). The slope is fitted
-against the first baseline, and the run is compared with it too, so the errors of both contain that of this
-baseline and are correlated; their covariance is returned.
+The change of ln P since the first baseline is in proportion to the difference of the temperatures; the factor
+is called the slope. Its prior is the slope of the calibration where the runs of that determine one, and it is
+fitted to further baselines (:func:`~ballscrew.calibration.temperature.fit_temperature_slope`). These and the
+run are compared with the first baseline, so the errors of the slope and of the run's change both contain the
+error of this baseline. Their covariance is part of the correction.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ class TemperatureCorrection:
     shift, spread : float
         Change of ln P by the temperature, to be subtracted, and its standard uncertainty.
     shared : float
-        Covariance of the errors of ``-shift`` and of ln(P/P₀) by the errors of the first baseline.
+        Covariance of ``-shift`` and ln(P/P₀) by the error of the first baseline, which both contain.
     name : str
-        Of this term of the uncertainty, as printed.
+        Printed name of this term of the uncertainty.
     corrections, reasons, notes : tuple of str
-        Sentences for the fields of these names of the estimate.
+        Sentences for the fields of the same names of the estimate.
     """
 
     shift: float = 0.0
@@ -69,7 +69,7 @@ NO_CORRECTION = TemperatureCorrection()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FurtherBaselines:
-    """Further baselines against the first one.
+    """Changes of further baselines against the first one.
 
     Parameters
     ----------
@@ -98,19 +98,19 @@ def further_baselines(
 ) -> FurtherBaselines:
     """Changes of ln P of further baselines against the first.
 
-    The support bearing drifts from day to day; baselines of one day share its drift, and those of the first
-    baseline's day have none.
+    The support bearing changes from day to day: its change is common to baselines of one day, and 0 on the
+    day of the first baseline.
 
     Parameters
     ----------
     base : FrequencyTable
         The first baseline, of known temperature.
     others : sequence of FrequencyTable
-        The further ones, of known temperature, with cells in common.
+        The further ones, of known temperature, each with cells in common with the first.
     change_of : callable
         Change of the compliance of one of them since the first.
     assumptions : Assumptions
-        Drift of the bearing between days.
+        With the change of the bearing between days.
 
     Returns
     -------
@@ -123,21 +123,25 @@ def further_baselines(
         fused = fuse(change)
         # Standard deviations of u by the first baseline, by the other's own errors, and by the bearing.
         no_term = (0.0, False)
-        noise, repeating = fused.terms.get(BASELINE, no_term)[0], fused.terms.get(BASELINE_PART, no_term)[0]
+        noise, _ = fused.terms.get(BASELINE, no_term)
+        repeating, _ = fused.terms.get(BASELINE_PART, no_term)
         by_base = math.hypot(noise, repeating)
         own = math.sqrt(max(fused.spread**2 - by_base**2, _LEAST_SPREAD**2))
-        drift = assumptions.bearing_daily_drift / NORMAL_95 * bearing_over_nut(change, fused)
-        rows.append((fused.log_ratio, *map(fused.log_preload_spread, (own, by_base, drift))))
-    changes, own_spreads, base_spreads, drifts = np.array(rows).reshape(-1, 4).T
+        by_bearing = assumptions.bearing_daily_drift / NORMAL_95 * bearing_over_nut(change, fused)
+        spreads = [fused.log_preload_spread(spread) for spread in (own, by_base, by_bearing)]
+        rows.append([fused.log_ratio, *spreads])
+    changes, own_spreads, base_spreads, bearing_spreads = np.array(rows).reshape(-1, 4).T
     every = [base, *others]
-    # Groups without known preloads are days.
+    # Without known preloads the runs of a day are a group.
     days = np.array(preload_groups([run.id for run in every], [run.measured_at for run in every], {}))
     same_day = (days[1:, None] == days[1:]) & (days[1:] != days[0])
+    # The error of the first baseline is one number; the cells that the others have in common with it differ
+    # little, and the largest of their results is used.
     baseline_spread = float(base_spreads.max(initial=0.0))
     covariance = np.diag(own_spreads**2) + baseline_spread**2
-    covariance += np.where(same_day, np.outer(drifts, drifts), 0.0)
-    celsius = [(run.temperature or 0.0) - (base.temperature or 0.0) for run in others]
-    return FurtherBaselines(changes, np.array(celsius), covariance, baseline_spread)
+    covariance += np.where(same_day, np.outer(bearing_spreads, bearing_spreads), 0.0)
+    differences = [(run.temperature or 0.0) - (base.temperature or 0.0) for run in others]
+    return FurtherBaselines(changes, np.array(differences), covariance, baseline_spread)
 
 
 def temperature_correction(
@@ -158,8 +162,8 @@ def temperature_correction(
     baselines : FurtherBaselines
         Further baselines, to which the effect of the temperature is fitted.
     assumptions : Assumptions
-        ``temperature``, the spread of a slope without prior; ``temperature_unknown``, that of a difference
-        that was not recorded.
+        With ``temperature``, the standard deviation of a slope that no run determines, 1/K, and
+        ``temperature_unknown``, that of a difference of temperatures that was not recorded, K.
     prior : TemperatureSlope, optional
         Slope of the calibration.
     within : float
@@ -168,12 +172,14 @@ def temperature_correction(
     Returns
     -------
     TemperatureCorrection
-        With its sentences.
+        Of the run, with its sentences.
     """
-    start = prior or temperature_prior(assumptions)
-    slope = start
+    if prior is None:
+        prior = temperature_prior(assumptions)
+    slope = prior
     if len(baselines.changes):
-        slope = fit_temperature_slope(baselines.changes, baselines.differences, baselines.covariance, start)
+        slope = fit_temperature_slope(baselines.changes, baselines.differences, baselines.covariance, prior)
+    # A random difference of temperatures with mean 0 changes ln P by its standard deviation times this.
     rms_slope = math.hypot(slope.value, slope.standard_uncertainty)
     if temperature is None or reference is None:
         unknown = assumptions.temperature_unknown
@@ -194,8 +200,8 @@ def temperature_correction(
     fitted = [float(value) for value in baselines.differences]
     if fitted:
         fitted.append(0.0)
-    if start.lowest is not None and start.highest is not None:
-        fitted += [start.lowest - reference, start.highest - reference]
+    if prior.lowest is not None and prior.highest is not None:
+        fitted += [prior.lowest - reference, prior.highest - reference]
     return TemperatureCorrection(
         shift=shift,
         spread=math.hypot(slope.standard_uncertainty * difference, rms_slope * within),
@@ -206,9 +212,9 @@ def temperature_correction(
 
 
 def _extrapolation(difference: float, temperatures: Sequence[float]) -> tuple[str, ...]:
-    """A sentence where run or baseline is much warmer or colder than the runs of the fit.
+    """A sentence where run or first baseline is much warmer or colder than the runs of the fit; else none.
 
-    Temperatures are differences from the first baseline, K.
+    ``difference``, of the run, and ``temperatures``, of the fit, are less that of the first baseline, K.
     """
     if not temperatures or not difference:
         return ()
@@ -223,17 +229,20 @@ def _extrapolation(difference: float, temperatures: Sequence[float]) -> tuple[st
 
 
 def temperature_notes(run: Run, baseline: Run | None) -> list[str]:
-    """Sentences on sensors that are missing, or not where the preload is.
+    """Sentences on temperature sensors that are missing, or not at nut or screw.
 
     Parameters
     ----------
-    run, baseline : Run
+    run : Run
         Analysed.
+    baseline : Run or None
+        Likewise.
 
     Returns
     -------
     list of str
-        Empty where the temperature was stated, or recorded at nut or screw, and the screw's in both or none.
+        Empty where each temperature was stated by the user, or recorded at nut or screw, and both or none of
+        the runs have temperatures of screw and nut.
     """
     notes = []
     with_screw = [_has_screw(each) for each in (run, baseline) if each is not None]
@@ -244,7 +253,7 @@ def temperature_notes(run: Run, baseline: Run | None) -> list[str]:
         course = each.temperature if each else None
         if each is None or course is None or course.is_of_axis:
             continue
-        if each.temperature_C != course.mean_C:  # it was stated
+        if each.temperature_C != course.mean_C:  # stated by the user, not recorded
             continue
         place = shown(course.place) if course.place else "a place that the channel map does not state"
         notes.append(f"the temperature of the {name} was recorded at {place}, not at nut or screw")
@@ -261,8 +270,10 @@ def warm_screw_doubts(run: FrequencyTable, baseline: FrequencyTable | None, *, c
 
     Parameters
     ----------
-    run, baseline : FrequencyTable
+    run : FrequencyTable
         With the temperature of the screw above that of the nut, where both were recorded.
+    baseline : FrequencyTable or None
+        Likewise.
     calibrated : bool
         Whether the baseline is a run of the calibration: P/P₀ and newtons then both refer to it, and only the
         difference of the two runs counts.
@@ -270,7 +281,7 @@ def warm_screw_doubts(run: FrequencyTable, baseline: FrequencyTable | None, *, c
     Returns
     -------
     list of str
-        Empty where it is not known, or small.
+        Empty where the difference of screw and nut is not known or small.
     """
     excess, of_baseline = run.screw_excess, None
     if baseline is not None:
