@@ -32,7 +32,7 @@ class UncertaintyPart:
     Parameters
     ----------
     name : str
-        Of the error, as printed.
+        Printed name of the error.
     standard_uncertainty : float
         Of the ratio, by this error alone.
     random : bool
@@ -54,16 +54,19 @@ class PreloadEstimate(PlottedResult):
         Id of the run.
     baseline : str or None
         Id of the baseline; None where the model is the reference.
-    axis, measured_at : str or None
-        Name of the run's axis, and its time, ISO 8601.
+    axis : str or None
+        Name of the run's axis.
+    measured_at : str or None
+        Time of the run, ISO 8601.
     verdict : str
         Verdict on the axial stiffness: good, suspect or refused.
     reasons : tuple of str
-        Why it is not good.
+        Why the stiffness is not good.
     nut_verdict : str
-        Verdict on the nut's preload, which depends on the stiffness and on the support bearing.
+        Verdict on the nut's preload, which depends on the stiffness and on the support bearing: good, suspect
+        or refused.
     nut_reasons : tuple of str
-        Why it is not good: the reasons of the stiffness, and those of the nut alone.
+        Why the nut's preload is not good: the reasons of the stiffness, and those of the nut alone.
     notes : tuple of str
         Further remarks, which do not affect the verdict.
     stiffness_relative_to_baseline : Quantity or None
@@ -75,23 +78,23 @@ class PreloadEstimate(PlottedResult):
     preload_ratio : Quantity or None
         P/Ca, the preload over the dynamic load rating.
     relative_to_baseline : Quantity or None
-        P/P₀ of the nut, uncertain by the support bearing; None without a baseline, or where it has no upper
-        end.
+        P/P₀ of the nut; its uncertainty contains the support bearing's change. None without a baseline, or
+        where its interval has no upper end.
     relative_to_model : Quantity or None
-        P of the nut over the model's reference preload.
+        P/P_ref of the nut, its preload over the model's reference preload.
     random_N, systematic_N : float or None
         Parts of the standard uncertainty of P by errors that differ from run to run, and by those that do
         not, N.
     random_ratio, systematic_ratio : float or None
-        The same parts for the stiffness as P/P₀, or for P over the model's reference without a baseline.
+        The same parts of the standard uncertainty of the stiffness as P/P₀, or of P/P_ref without a baseline.
     terms : tuple of UncertaintyPart
-        Contributions to the uncertainty of that ratio, the largest first.
+        Contributions to the standard uncertainty of that ratio, the largest first.
     chi2, degrees, probability : float or None
         χ² of the cells, its expected value, and the probability of a χ² as large or larger.
     causes : tuple of PossibleCause
-        Possible causes of the change of the frequencies, the most probable first.
+        Possible causes of the change of the frequencies with the declared load, the most probable first.
     nut_or_bearing : NutOrBearing or None
-        Whether nut or support bearing has changed the stiffness.
+        Whether nut or support bearing has changed the stiffness, with the load corrected.
     mass : MassCheck or None
         Check of the declared load by the equivalent masses of run and baseline.
     corrections : tuple of str
@@ -101,7 +104,7 @@ class PreloadEstimate(PlottedResult):
     change : ComplianceChange or None
         Change of the compliance in the cells; not part of the JSON.
     fused : FusedChange or None
-        Its cells fused; not part of the JSON.
+        One change of the nut by these cells; not part of the JSON.
     made : Made
         Version, settings, inputs.
     """
@@ -150,6 +153,7 @@ class PreloadEstimate(PlottedResult):
         ]
 
     def _lines(self) -> list[str]:
+        """Verdicts, quantities and reasons, a line each, as ``print`` shows them."""
         title = self.axis or "axis without a name"
         if self.measured_at:
             title += f", {self.measured_at}"
@@ -236,7 +240,7 @@ class PreloadEstimate(PlottedResult):
 
 
 def _json(part: MassCheck | PreloadProfile | NutOrBearing | None) -> dict[str, Any] | None:
-    """Object of the document; None, JSON's null, for a part without a result."""
+    """Object of a part in the document; None, which is null in JSON, where the part is missing."""
     if part is None:
         return None
     return part.to_json()
@@ -252,7 +256,7 @@ _PARTS = json_fields.record({"random": _NUMBER_OR_NULL, "systematic": _NUMBER_OR
 
 
 def _labelled_quantity(key: str, label: json_fields.Field) -> json_fields.Field:
-    """Field of an object with a quantity and, under ``key``, its label; it is read as (label, quantity)."""
+    """Field of an object with a quantity and, under ``key``, a label; its value is (label, quantity)."""
     labels = json_fields.record({key: label})
     return lambda row, where: (labels(row, where)[key], _QUANTITY(row, where))
 
@@ -299,17 +303,24 @@ _CAUSE = json_fields.record(
 
 
 def _cause(value: Any, where: str) -> PossibleCause:
-    """Possible cause of a row of ``causes``."""
+    """Possible cause from a row of ``causes``."""
     row = _CAUSE(value, where)
-    name, amount = row.pop("cause"), row.pop("amount")
-    uncertainty = amount["standard_uncertainty"]
+    amount = row["amount"]
     return PossibleCause(
-        name=name, amount=amount["value"], standard_uncertainty=uncertainty, unit=amount["unit"], **row
+        name=row["cause"],
+        probability=row["probability"],
+        chi2=row["chi2"],
+        amount=amount["value"],
+        standard_uncertainty=amount["standard_uncertainty"],
+        unit=amount["unit"],
+        possible=row["possible"],
+        text=row["text"],
+        fit=row["fit"],
     )
 
 
 def _mass(value: Any, where: str) -> MassCheck:
-    """Mass check of the object ``mass``."""
+    """Mass check from the object ``mass``."""
     row = _MASS(value, where)
     return MassCheck(
         decision=row["decision"],
@@ -323,9 +334,10 @@ def _mass(value: Any, where: str) -> MassCheck:
 
 
 def _profile(value: Any, where: str) -> PreloadProfile:
-    """Preload along the axis of the object ``profile``."""
+    """Preload along the axis from the object ``profile``."""
     row = _PROFILE(value, where)
-    stops, local = row["stops"], row["local"]
+    stops = row["stops"]
+    local = row["local"]
     return PreloadProfile(
         position=tuple(position for position, _ in stops),
         ratio=tuple(ratio for _, ratio in stops),
@@ -381,9 +393,11 @@ _DOCUMENT = json_fields.record(
 
 
 def _read_estimate(document: Any) -> PreloadEstimate:
-    """The estimate of a document."""
+    """The estimate from a document; keys that are not fields of it are popped, and the others passed on."""
     values = _DOCUMENT(document, "")
-    run, parts, fit = values.pop("run"), values.pop("parts"), values.pop("fit")
+    run = values.pop("run")
+    parts = values.pop("parts")
+    fit = values.pop("fit")
     return PreloadEstimate(
         run=run["id"],
         axis=run["axis"],

@@ -4,9 +4,9 @@ With a baseline, the change of the frequencies gives P/P₀, and only the nut's 
 from the model; errors that repeat from run to run cancel. Without a baseline the model's own frequencies are
 the reference, and all its errors count.
 
-P is the preload of the run, P₀ that of its reference: the baseline, or the model where there is none. P_ref
-is the preload at which the model states the nut's share. The unknown of the fit is u = (P/P₀)^(−1/3), the
-nut's compliance over that of the reference (Hertz).
+P is the preload of the run, and P₀ that of its reference: the baseline, or the model where there is none.
+P_ref is the preload at which the model states the nut's share. The unknown of the fit is u = (P/P₀)^(−1/3),
+the nut's compliance over that in the state of the reference (Hertz).
 """
 
 from __future__ import annotations
@@ -32,12 +32,8 @@ from ballscrew.estimation.causes import (
     compare_causes,
     gather_evidence,
 )
-from ballscrew.estimation.change import DECLARED_LOAD, ComplianceChange, ErrorTerm
-from ballscrew.estimation.compliance import (
-    WORN_NUT,
-    change_from_model,
-    change_since,
-)
+from ballscrew.estimation.change import DECLARED_LOAD, ComplianceChange
+from ballscrew.estimation.compliance import WORN_NUT, change_from_model, change_since
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.fusion import FusedChange, fuse, fuse_on_worn_nut
 from ballscrew.estimation.inflation import inflate_uncertainty, with_misfit_of
@@ -61,9 +57,9 @@ from ballscrew.estimation.temperature import (
     warm_screw_doubts,
 )
 from ballscrew.estimation.verdict import (
+    apply_release_limit,
     doubts_of_calibration,
     estimate_notes,
-    limit_released,
     why_no_frequency,
     why_not_good,
     why_nut_uncertain,
@@ -71,12 +67,14 @@ from ballscrew.estimation.verdict import (
 )
 from ballscrew.modal.run import Run
 
-_LEAST_CORRECTION = 0.05  # % of the preload below which a correction is not reported
-# Curve of the model times the square of the travel, below which the compliance is a line and not a parabola.
+_LEAST_CORRECTION = 0.05  # % of the preload, below which a correction is not reported
+# Curve of the model times the square of the travel, up to which the compliance along the axis is a line and
+# not a parabola.
 _LEAST_CURVATURE = 1e-3
-# Largest difference of the loads of run and baseline, as a part of the moving mass: beyond it the result
-# depends on the model's mass more than on the nut.
+# Largest difference of the loads of run and baseline, as a part of the moving mass: with a larger one the
+# result depends on the model's mass more than on the nut.
 _MOST_LOAD_CHANGE = 0.25
+_LEAST_SPREAD = 1e-12  # of u, in a divisor
 
 
 @single_threaded
@@ -104,13 +102,13 @@ def preload(
     assumptions : Assumptions
         Settings that no run determines.
     accept : sequence of str
-        Names of reasons to doubt the calibration that were checked and are accepted; any other makes every
-        estimate suspect.
+        Names of reasons to doubt the calibration that the user has checked and accepts. A reason that is not
+        accepted makes every estimate suspect.
 
     Returns
     -------
     PreloadEstimate
-        Refused, with the reasons, where the run does not determine the preload.
+        Its verdict is refused where the run does not determine the preload.
 
     Raises
     ------
@@ -138,7 +136,7 @@ def preload(
     if reason:
         refusal = _refuse(refusal, reason, *doubts_of_calibration(model, accept))
         if run.quality.verdict == "good":
-            return limit_released(refusal, run, baseline, model)
+            return apply_release_limit(refusal, run, baseline, model)
         return refusal
     base = None if baseline is None else frequency_table(baseline)
     comparison = _RunComparison(frequency_table(run), base, model, assumptions)
@@ -146,7 +144,7 @@ def preload(
 
 
 def _why_refused(run: Run, baseline: Run | None) -> str:
-    """Reason to refuse the estimate before any number is computed; empty if there is none."""
+    """Reason to refuse the estimate without computing it; empty if there is none."""
     if run.quality.verdict == "bad":
         return "the measurement is bad: " + "; ".join(run.quality.reasons or ("it was refused",))
     table = frequency_table(run)
@@ -165,7 +163,7 @@ def _why_refused(run: Run, baseline: Run | None) -> str:
 
 
 def check_comparable(run: Run, model: CalibratedAxis, baseline: Run | None, more: Sequence[Run]) -> None:
-    """Refuse runs that cannot be compared.
+    """Check that runs and model can be compared.
 
     Parameters
     ----------
@@ -193,7 +191,7 @@ def check_comparable(run: Run, model: CalibratedAxis, baseline: Run | None, more
 
 
 def _check_same_test(other: Run, name: str, run: Run, model: CalibratedAxis) -> None:
-    """Refuse a run of another axis, plan or load."""
+    """Check that ``other``, named ``name`` in messages, is of the axis, the plan and about the load."""
     if other.axis is not None and model.axis and other.axis != model.axis:
         raise InputError(
             f"{name} is of the axis {shown(other.axis)}, the model of {shown(model.axis)}; they must be of "
@@ -233,7 +231,7 @@ class _ExplainedChange:
 
 @dataclass(frozen=True)
 class _RunComparison:
-    """Frequencies of a run and of its reference: a baseline, or the model where ``base`` is None."""
+    """Frequencies of a run, ``table``, and of its reference: ``base``, or the model where that is None."""
 
     table: FrequencyTable
     base: FrequencyTable | None
@@ -250,9 +248,9 @@ class _RunComparison:
     def change(self, reference_ratio: float, correction: float, ratio: float) -> ComplianceChange:
         """Change of the compliance in each cell of the run against its reference.
 
-        ``reference_ratio`` is P₀/P_ref (only with a baseline), ``correction`` is added to the declared load
-        (kg), and ``ratio`` is the P/P₀ for which the softening of a worn nut by the test's own load is
-        corrected.
+        ``reference_ratio`` is P₀/P_ref, which has no effect without a baseline, ``correction`` is added to
+        the declared load (kg), and ``ratio`` is the P/P₀ for which the softening of a worn nut by the test's
+        own load is corrected.
         """
         model, bearing_share = self.model.model, self.model.bearing_share
         if self.base is None:
@@ -269,7 +267,7 @@ class _RunComparison:
     ) -> tuple[ComplianceChange, FusedChange, float]:
         """Change in each cell, the same fused, and the P/P₀ for which the load on a worn nut is corrected.
 
-        A mass check adds its correction of the declared load, and its uncertainty of the load.
+        The declared load is corrected as ``mass`` states, and has the uncertainty that it states.
         """
         correction = 0.0
         if mass is not None:
@@ -318,8 +316,8 @@ class _RunComparison:
     ) -> tuple[ComplianceChange, FusedChange]:
         """Change against the model in each cell, and the same fused.
 
-        If the uncertainty of ``fused``, the change against the baseline, contains a misfit of the cells, that
-        of the result contains it too.
+        Where the uncertainty of ``fused``, the change against the baseline, contains a misfit of the cells,
+        so does that of the result.
         """
         change, by_model, _ = replace(self, base=None).fuse(1.0, mass)
         return change, with_misfit_of(by_model, fused)
@@ -328,7 +326,7 @@ class _RunComparison:
 def _estimate(
     refusal: PreloadEstimate, comparison: _RunComparison, run: Run, baseline: Run | None, more: Sequence[Run]
 ) -> PreloadEstimate:
-    """Estimate of a run with frequencies; ``refusal`` is the refused one, which the results complete."""
+    """Estimate of a run that has frequencies; ``refusal`` is a refused estimate without results."""
     model, assumptions = comparison.model, comparison.assumptions
     doubts = doubts_of_calibration(model, refusal.made.settings["accept"])
     samples = PosteriorSamples(model, comparison.base, assumptions)
@@ -392,7 +390,7 @@ def _estimate(
         nut_reasons=tuple(nut_reasons),
         notes=(*notes, *temperature.notes, *temperature_notes(run, baseline)),
     )
-    return limit_released(estimate, run, baseline, model)
+    return apply_release_limit(estimate, run, baseline, model)
 
 
 def _refuse(refusal: PreloadEstimate, *reasons: str) -> PreloadEstimate:
@@ -406,7 +404,7 @@ def _verdict(reasons: Sequence[str]) -> str:
 
 
 def _nut_verdict(estimate: PreloadEstimate, reasons: Sequence[str]) -> str:
-    """Verdict on the nut's preload: refused without one, where its interval has no upper end."""
+    """Verdict on the nut's preload: refused where it has no value, since its interval has no upper end."""
     if estimate.relative_to_baseline is None and estimate.relative_to_model is None:
         return "refused"
     return _verdict(reasons)
@@ -422,8 +420,9 @@ def _check_load(
         return None
     change, fused = declared.change, declared.fused
     by_share = abs(fused.level) * share_uncertainty(comparison.model, comparison.assumptions)
-    uncertainty = max(math.hypot(fused.spread, by_share), 1e-12)  # of u
-    sensitivity = abs(float(fused.weights @ change.by_load)) / uncertainty  # du/d load over it, 1/kg
+    uncertainty = max(math.hypot(fused.spread, by_share), _LEAST_SPREAD)  # of u
+    by_load = abs(float(fused.weights @ change.by_load))  # |du/d load|, 1/kg
+    sensitivity = by_load / uncertainty
     return check_mass(masses, declared.causes, sensitivity, comparison.assumptions)
 
 
@@ -434,16 +433,20 @@ def _describe_corrections(
     mass: MassCheck | None,
 ) -> list[str]:
     """The corrections for the load on the table (kg) and on a worn nut (% of the preload), in words."""
-    fused, ratio = corrected.fused, corrected.ratio
-    corrections, load = [], 0.0
+    fused = corrected.fused
+    corrections = []
+    load = 0.0
     if mass is not None and mass.correction:
         load = mass.correction
         corrections.append(f"load: {load:+.2f} kg")
+    # The same change without the correction for the load on a worn nut.
     uncorrected = replace(comparison, assumptions=replace(comparison.assumptions, nut_load=0.0))
-    u_uncorrected = 1 + float(fused.weights @ uncorrected.change(reference_ratio, load, ratio).y)
+    change = uncorrected.change(reference_ratio, load, corrected.ratio)
+    u_uncorrected = 1 + float(fused.weights @ change.y)
     if fused.u > 0 and u_uncorrected > 0:
         percent = 100 * ((u_uncorrected / fused.u) ** 3 - 1)  # change of P = u⁻³ P₀ by the correction
-        spread = 100 * 3 * fused.terms[WORN_NUT][0] / fused.u  # %, d ln P = −3 du/u
+        worn_nut_spread, _ = fused.terms[WORN_NUT]
+        spread = 100 * 3 * worn_nut_spread / fused.u  # %, d ln P = −3 du/u
         if abs(percent) >= _LEAST_CORRECTION:
             corrections.append(f"load on a worn nut: {percent:+.1f} % ± {spread:.1f} % of the preload")
     return corrections
@@ -457,16 +460,18 @@ def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> 
     ranges = math.hypot(table.temperature_range, base.temperature_range)
     if comparison.temperature_difference == 0 and not ranges:
         return NO_CORRECTION
+    model = comparison.model
     tables = []
     for other in map(frequency_table, more):
-        is_used = other.id == table.id
-        if comparison.model.temperature is not None:  # the calibration's slope was fitted to its own runs
-            is_used = is_used or comparison.model.group_of(other.id) is not None
-        if other.temperature is not None and paired_cells(other, base)[0] and not is_used:
+        is_run = other.id == table.id
+        # The slope of the calibration was fitted to its runs already.
+        in_prior = model.temperature is not None and model.group_of(other.id) is not None
+        common_rows, _ = paired_cells(other, base)
+        if other.temperature is not None and common_rows and not is_run and not in_prior:
             tables.append(other)
 
     def change_of(other: FrequencyTable) -> ComplianceChange:
-        """Change of another baseline since the first, at P₀/P_ref = 1: the slope hardly depends on it."""
+        """Change of another baseline since the first, at P₀/P_ref = 1, on which the slope hardly depends."""
         return replace(comparison, table=other).change(reference_ratio=1.0, correction=0.0, ratio=1.0)
 
     baselines = further_baselines(base, tables, change_of, assumptions)
@@ -475,16 +480,17 @@ def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> 
         base.temperature,
         baselines,
         assumptions,
-        prior=comparison.model.temperature,
+        prior=model.temperature,
         within=ranges / math.sqrt(12),  # standard deviation of a uniform distribution of this range
     )
 
 
 def _with_load_uncertainty(change: ComplianceChange, spread: float) -> ComplianceChange:
-    """The change with ``spread``, the load's uncertainty by the mass check (kg), in place of the assumed."""
+    """The change with ``spread`` as the uncertainty of the load (kg), by the mass check, not by assumption."""
     terms = []
     for term in change.terms:
         if term.name == DECLARED_LOAD:
-            term = ErrorTerm(DECLARED_LOAD, term.random, (change.by_load * spread)[None])
-        terms.append(term)
+            terms.append(replace(term, effects=(change.by_load * spread)[None]))
+        else:
+            terms.append(term)
     return replace(change, terms=tuple(terms))

@@ -135,8 +135,8 @@ def further_baselines(
     # Without known preloads the runs of a day are a group.
     days = np.array(preload_groups([run.id for run in every], [run.measured_at for run in every], {}))
     same_day = (days[1:, None] == days[1:]) & (days[1:] != days[0])
-    # The error of the first baseline is one number; the cells that the others have in common with it differ
-    # little, and the largest of their results is used.
+    # The error of the first baseline is common to all; the others give about the same value of it, of which
+    # the largest is used.
     baseline_spread = float(base_spreads.max(initial=0.0))
     covariance = np.diag(own_spreads**2) + baseline_spread**2
     covariance += np.where(same_day, np.outer(bearing_spreads, bearing_spreads), 0.0)

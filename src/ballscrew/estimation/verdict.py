@@ -1,4 +1,4 @@
-"""Verdict on a preload estimate: the reasons why it is suspect or refused, and further notes."""
+"""Reasons why an estimate of the preload is suspect or refused, and further notes on it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ballscrew.base.quantity import Quantity
 from ballscrew.base.words import plural
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
@@ -30,14 +29,14 @@ from ballscrew.estimation.nut import (
 from ballscrew.modal.run import Run
 from ballscrew.recording.quality.clock import clock_difference
 
-# Most reasons of a run, and most notes of a calibration, that are repeated with a preload.
+# Largest number of reasons of a measurement, and of notes of a calibration, that are repeated with a preload.
 _MOST_REASONS = 3
 _ID_LENGTH = 12  # characters of a run's id in the sentences on a calibration
 _TIME_WIDTH = 16  # characters of a run's time, to the minute
-# Kinds of doubt whose error repeats in every run of a test, so that it cancels in a change; the errors by
-# chance, a lost contact or another mode do not repeat.
+# Kinds of doubt whose errors repeat in every run of a test, so that they cancel in a change. Those of the
+# other kinds (by chance, a lost contact, another mode) do not repeat.
 _CANCELLED = frozenset(("measurement", "low-rate", "unexcited", "unmeasured-force"))
-_WIDEST = 8.0  # ratio of the interval's ends above which an estimate is suspect
+_WIDEST = 8.0  # upper over lower end of an interval, above which an estimate is suspect
 
 
 def why_not_good(
@@ -55,14 +54,16 @@ def why_not_good(
     ----------
     estimate : PreloadEstimate
         With its quantities, mass check and profile.
-    run, baseline : Run
+    run : Run
         Analysed.
+    baseline : Run or None
+        Likewise.
     change, fused : ComplianceChange, FusedChange
         Of the cells, with the load corrected.
     causes : sequence of PossibleCause
         Of this change, the most probable first.
     assumptions : Assumptions
-        ``false_alarm`` is the probability of a misfit below which it is a reason.
+        With ``false_alarm``, the probability of a misfit below which the misfit is a reason.
 
     Returns
     -------
@@ -82,27 +83,30 @@ def why_not_good(
         reasons.append(profile.text)
     if mass is not None:
         reasons += _undetectable_load(change, fused, mass, estimate)
-    low, high = estimate.relative_interval
-    if high > _WIDEST * low:
+    if _is_too_wide(estimate.relative_interval):
         reasons.append("the interval is too wide to be useful")
     return reasons
 
 
 def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False) -> list[str]:
-    """Reasons that make half of the cells of run or baseline suspect, except those that cancel in a change.
+    """Reasons to doubt half of the cells of run or baseline, except those that cancel in a change.
+
+    Further reasons are a mode of the frame in one of the runs, and clocks that differ.
 
     Parameters
     ----------
-    run, baseline : Run
+    run : Run
         Analysed.
+    baseline : Run or None
+        Likewise.
     in_history : bool
-        For runs of a history. Few repetitions of both runs are then no reason, since the history's scatter
-        contains chance, nor is a nut that the test unloads, since it is worn.
+        Whether the run belongs to a history. Few repetitions in both runs are then no reason, since the
+        history's scatter contains their errors, nor is a nut that the test unloads, since it is worn.
 
     Returns
     -------
     list of str
-        A reason of both is listed once.
+        A sentence for each reason; one that both runs have is listed once.
     """
     of_run = common_doubts(run)
     of_baseline = {} if baseline is None else common_doubts(baseline)
@@ -118,7 +122,9 @@ def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False)
         if kind not in of_run:
             reasons.append(f"{count} cells of the baseline are suspect: {text}")
     if baseline is not None and (run.frame_mode is None) != (baseline.frame_mode is None):
-        with_frame, other = ("run", "baseline") if run.frame_mode else ("baseline", "run")
+        with_frame, other = "run", "baseline"
+        if run.frame_mode is None:
+            with_frame, other = "baseline", "run"
         reasons.append(
             f"a mode of the machine's frame was found in the {with_frame} and not in the {other}: "
             "their frequencies are not of the same mode"
@@ -144,7 +150,7 @@ def why_nut_uncertain(estimate: PreloadEstimate, evidence: NutEvidence, bearing_
     Returns
     -------
     list of str
-        Empty where it is as good as the stiffness.
+        Empty where the nut's preload is as good as the stiffness.
     """
     nut = estimate.relative_to_baseline or estimate.relative_to_model
     if nut is None:
@@ -158,32 +164,34 @@ def why_nut_uncertain(estimate: PreloadEstimate, evidence: NutEvidence, bearing_
         reason = describe_contradiction(stiffness, bearing_over_nut, evidence)
         if reason:
             reasons.append(reason)
-    if _is_too_wide(nut):
+    if _is_too_wide(nut.interval):
         reasons.append("the interval of the nut's preload is too wide to be useful")
-    elif estimate.preload_N is not None and _is_too_wide(estimate.preload_N):
+    elif estimate.preload_N is not None and _is_too_wide(estimate.preload_N.interval):
         reasons.append(
             "the interval of the preload in newtons is too wide to be useful: calibrate with a known preload"
         )
     return reasons
 
 
-def _is_too_wide(preload: Quantity) -> bool:
-    """Whether the ends of the interval of a preload or ratio are too far from each other to be useful."""
-    low, high = preload.interval
+def _is_too_wide(interval: tuple[float, float]) -> bool:
+    """Whether an interval of a preload or of a ratio of preloads is too wide to be useful."""
+    low, high = interval
     return high > _WIDEST * low
 
 
-def limit_released(
+def apply_release_limit(
     estimate: PreloadEstimate, run: Run, baseline: Run | None, model: CalibratedAxis
 ) -> PreloadEstimate:
-    """Give the nut's preload only an upper limit where the test's own load unloads most cells of a run.
+    """Replace the nut's preload by an upper limit where the test's own load unloads most cells of a run.
 
     Parameters
     ----------
     estimate : PreloadEstimate
         With its verdicts; a refused one where the run has no frequency.
-    run, baseline : Run
+    run : Run
         Analysed.
+    baseline : Run or None
+        Likewise.
     model : CalibratedAxis
         Of the axis.
 
@@ -211,14 +219,14 @@ def limit_released(
 
 
 def doubts_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> list[str]:
-    """Reasons that make a result of a calibrated model suspect.
+    """Reasons to doubt a calibration, which make every result of its model suspect.
 
     Parameters
     ----------
     model : CalibratedAxis
-        The model.
+        With the reasons of its calibration.
     accepted : sequence of str
-        Names of its reasons that are accepted.
+        Names of those that the user accepts.
 
     Returns
     -------
@@ -232,7 +240,9 @@ def doubts_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> lis
             texts.setdefault(doubt.name, []).append(_with_times(doubt.text, model))
     reasons = []
     for name, (first, *others) in texts.items():
-        further = f" ({plural(len(others), 'further reason')} of this name)" if others else ""
+        further = ""
+        if others:
+            further = f" ({plural(len(others), 'further reason')} of this name)"
         reasons.append(f"the calibration is suspect ({name}): {first}{further}")
     return reasons
 
@@ -247,7 +257,18 @@ def _with_times(text: str, model: CalibratedAxis) -> str:
 
 
 def notes_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> list[str]:
-    """Accepted reasons to doubt a calibration, and its notes; parameters as :func:`doubts_of_calibration`."""
+    """Accepted reasons to doubt a calibration, and its notes.
+
+    Parameters
+    ----------
+    model, accepted
+        As for :func:`doubts_of_calibration`.
+
+    Returns
+    -------
+    list of str
+        A sentence for each, in which runs are named by their times.
+    """
     notes = [f"accepted ({doubt.name}): {doubt.text}" for doubt in model.reasons if doubt.name in accepted]
     notes += [f"of the calibration: {note}" for note in model.notes[:_MOST_REASONS]]
     return [_with_times(note, model) for note in notes]
@@ -265,15 +286,17 @@ def estimate_notes(
     ----------
     estimate : PreloadEstimate
         With its quantities, causes and mass check.
-    run, baseline : Run
+    run : Run
         Analysed.
+    baseline : Run or None
+        Likewise.
     model : CalibratedAxis
         Of the axis.
 
     Returns
     -------
     list of str
-        A sentence each.
+        A sentence for each note.
     """
     notes = notes_of_calibration(model, estimate.made.settings["accept"])
     if estimate.mass is not None and estimate.mass.undetectable:
@@ -300,7 +323,7 @@ def estimate_notes(
 
 
 def why_no_frequency(run: Run) -> str:
-    """Reason for a run without a frequency, with the reasons of the first cell that states any."""
+    """Reason to refuse a run without a frequency, with the reasons of the first cell that states any."""
     text = "no cell of the run has a frequency"
     for cell in run.cells:
         if cell.reasons:
@@ -309,14 +332,14 @@ def why_no_frequency(run: Run) -> str:
 
 
 def why_unbounded(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
-    """Reason why a preload has no upper limit.
+    """Reason why the interval of a preload has no upper end.
 
     Parameters
     ----------
     fused : FusedChange
         The change of the nut.
     causes : sequence of PossibleCause
-        Of the change.
+        Of this change, the most probable first.
 
     Returns
     -------
@@ -339,14 +362,14 @@ def why_unbounded(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
 def _undetectable_load(
     change: ComplianceChange, fused: FusedChange, mass: MassCheck, estimate: PreloadEstimate
 ) -> list[str]:
-    """A sentence if an error of the load that the masses do not show could be the whole change."""
+    """A sentence if an error of the load that the masses do not detect may be the whole change; else none."""
     if not mass.undetectable or mass.change is None:
         return []
     low, high = estimate.relative_interval
     if low <= 1 <= high:
         return []
-    # The load error that alone would give the change, kg. Those that the masses allow lie about the observed
-    # change of the mass; the largest of the same sign is compared.
+    # The load error that alone would cause the change, kg, is compared with the largest error of the same
+    # sign that the masses do not exclude. Such errors lie about the observed change of the equivalent mass.
     same_effect = fused.level / float(fused.weights @ change.by_load)
     possible = mass.undetectable + math.copysign(1.0, same_effect) * mass.change.value
     if abs(same_effect) >= possible:
@@ -365,7 +388,7 @@ def _suspect_measurements(run: Run, baseline: Run | None) -> list[str]:
 
 
 def _cause_notes(estimate: PreloadEstimate) -> list[str]:
-    """Notes on other possible causes, except those that have sentences of their own."""
+    """Notes on other possible causes, except those for which other sentences are reported."""
     reported = ["local", "torque"]
     if estimate.mass is not None and estimate.mass.correction:
         reported.append("load")
