@@ -486,7 +486,7 @@ def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> 
 
 
 def _with_load_uncertainty(change: ComplianceChange, spread: float) -> ComplianceChange:
-    """The change with ``spread`` as the uncertainty of the load (kg), by the mass check, not by assumption."""
+    """The change with ``spread``, kg, as the uncertainty of the load instead of that of the assumptions."""
     terms = []
     for term in change.terms:
         if term.name == DECLARED_LOAD:
