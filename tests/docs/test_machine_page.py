@@ -127,10 +127,10 @@ def test_theta_rotor_and_load(text: str) -> None:
         text,
         f"a = −{-of.a:.4f}, b = −{-of.b:.4f}, c = {round(of.c, -2):.0f} and d = {of.d:.2f} kg",
         f"Table and nut weigh {AXIS.table.mass:g} kg",
-        f"All that turns weighs {rotor:.0f} kg",
-        f"At 0 mm the frequency is {f():.1f} Hz and not {f(rotor='held'):.1f} Hz; with 50 kg of load "
-        f"{f(mass=50.0):.1f} and {f(mass=50.0, rotor='held'):.1f} Hz",
-        f"a loss of {lost['held']:.0f} % of the preload where the rotor is held, and of {lost['free']:.0f} %",
+        f"All rotating parts weigh {rotor:.0f} kg",
+        f"At 0 mm the frequency is {f():.1f} Hz instead of {f(rotor='held'):.1f} Hz; with 50 kg of load, "
+        f"{f(mass=50.0):.1f} instead of {f(mass=50.0, rotor='held'):.1f} Hz",
+        f"a loss of {lost['held']:.0f} % of the preload with the rotor held, and of {lost['free']:.0f} %",
         f"with {AXIS.guide.friction:g} N of friction in its guides",
     )
 
@@ -182,7 +182,7 @@ def test_the_loaded_nut(text: str) -> None:
         f"at release as {reads[2]:.0f} %",
         f"has {load[Condition.PA]:.0f} N on its nut: {load[Condition.PA] / NEW:.2f} P when it is new",
         f"is {load[Condition.PA] / one_percent:.1f} P when 1 % of $C_a$ is left",
-        f"lets a flank go at {load[Condition.PA] / RELEASE / one_percent:.2f} %",
+        f"unloads a flank at {load[Condition.PA] / RELEASE / one_percent:.2f} %",
         f"± {load[Condition.PA]:.0f} N in PA and NA, and ∓ {load[Condition.ND]:.0f} N in PD and ND",
         f"print the same {RELEASE:.2f}",
     )

@@ -50,7 +50,7 @@ def test_the_defaults_on_the_page_are_those_of_the_code() -> None:
         (r"chances of ([\d.]+) % for the nut", 100 * defaults.priors.nut_chance),
         (r"nut, ([\d.]+) % for the zero", 100 * defaults.priors.position_chance),
         (r"zero, ([\d.]+) % for nut and bearing", 100 * defaults.priors.both_chance),
-        (r"together and ([\d.]+) % for each", 100 * defaults.priors.load_chance),
+        (r"at one end and ([\d.]+) % for each", 100 * defaults.priors.load_chance),
         (r"sizes of ([\d.]+) of u", defaults.priors.nut_size),
         (r"for the nut, ([\d.]+) % for the bearing", 100 * defaults.priors.bearing_size),
         (r"bearing is then allowed ([\d.]+) % of its rigidity", 100 * defaults.priors.bearing_size),
