@@ -27,7 +27,7 @@ from ballscrew.modal.joint.analysis import (
     suspect_rotating,
     suspect_unexcited,
 )
-from ballscrew.modal.joint.identify import too_slow
+from ballscrew.modal.joint.identify import rate_refusal
 from ballscrew.modal.joint.initial import initial_values
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.settings import JointSettings, Response
@@ -326,9 +326,9 @@ def quality(
     settings = JointSettings()
     if job.sheet is not None:
         mode = initial_values(job.sheet, job.mass or 0.0, min(lows), max(highs)).rotor_free
-        return _with_rate(measurement.quality, [too_slow(rates[0], mode, settings)])
-    low_rate = too_slow(rates[0], settings.lowest, settings)
-    if low_rate is not None or too_slow(rates[0], settings.highest, settings) is None:
+        return _with_rate(measurement.quality, [rate_refusal(rates[0], mode, settings)])
+    low_rate = rate_refusal(rates[0], settings.lowest, settings)
+    if low_rate is not None or rate_refusal(rates[0], settings.highest, settings) is None:
         return _with_rate(measurement.quality, [low_rate])
     note = (
         f"{rates[0]:.0f} samples per second suffice for a mode up to {rates[0] / SAMPLES_PER_PERIOD:.0f} Hz; "

@@ -19,7 +19,7 @@ from ballscrew.modal.joint.analysis import (
     suspect_rotating,
     suspect_unexcited,
 )
-from ballscrew.modal.joint.identify import too_slow
+from ballscrew.modal.joint.identify import rate_refusal
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.reason import Reason
@@ -49,7 +49,7 @@ def test_without_a_data_sheet_the_rate_suffices_for_every_mode_that_may_be_found
     settings, samples = JointSettings(), np.zeros(51_200)
     aligned = Aligned(51_200.0, samples, "torque", samples, np.zeros((1, len(samples))), ("acc1",))
     trip = signal_reducer(None, 0.0, settings)(aligned)
-    assert too_slow(trip.rate, settings.highest, settings) is None
+    assert rate_refusal(trip.rate, settings.highest, settings) is None
     assert trip.rate < 2 * SAMPLES_PER_PERIOD * settings.highest
 
 

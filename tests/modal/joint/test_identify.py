@@ -208,9 +208,9 @@ def test_a_record_that_cannot_be_used_is_refused(change: dict[str, np.ndarray], 
 @pytest.mark.parametrize(("frequency", "reason"), [(150.0, None), (450.0, "low-rate"), (600.0, "no-mode")])
 def test_a_mode_beyond_the_range_asks_for_no_higher_rate(frequency: float, reason: str | None) -> None:
     """The recording may have that rate: without a data sheet it was reduced for the range."""
-    found = identify._too_fast(4000.0, frequency, None, JointSettings())
+    found = identify._frequency_refusal(4000.0, frequency, None, JointSettings())
     assert reason == (found and found.kind)
-    with_sheet = identify._too_fast(4000.0, frequency, AXIS, JointSettings())
+    with_sheet = identify._frequency_refusal(4000.0, frequency, AXIS, JointSettings())
     assert (with_sheet and with_sheet.kind) == (None if frequency < 400 else "low-rate")
 
 

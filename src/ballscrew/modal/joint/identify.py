@@ -1,4 +1,4 @@
-"""Joint estimator: from the signals of a run to the axial mode in every cell."""
+"""Joint estimator: the axial mode in every cell, from the signals of a run."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ from ballscrew.modal.joint.verdicts import joint_result, refused_run
 from ballscrew.modal.reason import Reason
 
 _LEAST_CELLS = 3  # least number of cells: the compliance along the axis has two or three parameters
-# Without a data sheet: largest number of searches, each around the frequency that the previous one found, and
-# initial values.
-_SEARCHES = 4
+
+# Without a data sheet.
+_SEARCHES = 4  # largest number of searches, each around the frequency that the previous one found
+# Initial values of a search.
 _ROTOR_HELD_RATIO = 0.8  # rotor-held over rotor-free frequency, as for a rotor of 1.8 times the moving mass
 _SLOPE = 1.0  # 1/m, relative slope of the compliance along the axis
 
@@ -41,37 +42,38 @@ def identify_jointly(
     settings: JointSettings | None = None,
     response: Response = "both",
 ) -> JointResult:
-    """Identify all cells of a run by one model.
+    """Identify the axial mode in all cells of a run by one model.
 
-    The compliance along the axis is one curve, so that every cell contributes to all others. The table's
-    acceleration is modelled twice: as the response to the motor's torque, where the rotor is free, and as the
-    response to the motor's own motion, where the mode is that of the axis with the rotor held.
+    The compliance along the axis is one curve, so that the data of every cell contribute to all others. The
+    table's acceleration is modelled twice: as the response to the motor's torque, with the mode of the free
+    rotor, and as the response to the motor's own motion, with the mode of the held rotor. So is the motor's
+    acceleration, as the response to the torque.
 
     Parameters
     ----------
     trips : sequence of TripSignals
         Signals of the run's recordings.
     transients : sequence of TransientRow
-        Complete ones; the file of each is the index of its trip.
+        Complete transients; the file of each is the index of its trip.
     sheet : DataSheet, optional
-        Gives initial values, the lead, the expected load on the nut and its tolerance; without it neither the
-        ripple of the motor nor the softening of the nut is fitted.
+        Gives initial values, the lead, and the expected load on the nut with its uncertainty; without it
+        neither the ripple of the motor nor the softening of the nut is fitted.
     load : float
-        On the table, kg.
+        Load on the table, kg.
     settings : JointSettings, optional
         Settings of the method.
     response : {"nut", "motor", "both"}
-        Fitted response: the nut's accelerometers, the motor's encoder, or both where both were measured.
+        Fitted response: the nut's accelerometers, the motor's encoder, or both if both were measured.
 
     Returns
     -------
     JointResult
-        Every cell of the transients, with a frequency (Hz) and its uncertainty, or refused with a reason.
+        Every cell of the transients, with a frequency and its uncertainty, or refused with a reason.
 
     Raises
     ------
     InputError
-        If trips and transients do not fit together, or the response asked for was not measured.
+        If trips and transients do not belong together, or if the response was not measured.
     """
     settings = settings or JointSettings()
     _check(trips, transients, response)
@@ -86,22 +88,24 @@ def identify_jointly(
     if inertia is None or not high > low:
         return refused_run(transients, Reason("measurement", "the axis does not move"))
     rounding = max(trip.rounding for trip in trips) / inertia**2  # (m/s²)²/Hz
+    form_curve = typical_form_curve(low, high)
     if sheet is not None:
         initial = initial_values(sheet, load, low, high)
     else:
-        middle = math.sqrt(settings.lowest * settings.highest)
-        highest_sampled = trips[0].rate / min(SAMPLES_PER_PERIOD, settings.rate)
-        form_curve = typical_form_curve(low, high)
-        initial = _initial_values_around(max(min(middle, highest_sampled), settings.lowest), form_curve)
+        frequency = math.sqrt(settings.lowest * settings.highest)
+        highest_sampled = trips[0].rate / _least_samples_per_period(settings)
+        frequency = max(min(frequency, highest_sampled), settings.lowest)
+        initial = _initial_values_around(frequency, form_curve)
     for _ in range(_SEARCHES):
         found = _search_around(trips, transients, inertia, initial, settings, response)
         if isinstance(found, Reason):
             return refused_run(transients, found)
         frequency = found.fit.modes[0].middle_frequency
-        refusal = _too_fast(trips[0].rate, frequency, sheet, settings)
+        refusal = _frequency_refusal(trips[0].rate, frequency, sheet, settings)
         if refusal is not None:
             return refused_run(transients, refusal)
-        # At the edge of the frequencies tried, the band may exclude a better mode.
+        # A mode at the edge of the frequencies tried may not be the best one: the band may exclude a better
+        # one.
         within_range = FREQUENCY_SCALES[0] < frequency / initial.rotor_free < FREQUENCY_SCALES[-1]
         if sheet is not None or within_range:
             return joint_result(found, transients, settings, rounding)
@@ -110,19 +114,20 @@ def identify_jointly(
 
 
 def _no_mode(settings: JointSettings) -> Reason:
+    """Reason to refuse a run without a data sheet in which no mode was found."""
     text = f"no mode was found near {settings.lowest:g} to {settings.highest:g} Hz"
     return Reason("no-mode", text)
 
 
-def _too_fast(
+def _frequency_refusal(
     rate: float, frequency: float, sheet: DataSheet | None, settings: JointSettings
 ) -> Reason | None:
     """Reason to refuse a mode whose frequency (Hz) is too high for the sampling rate (Hz); None if it is not.
 
-    Without a data sheet, recordings are decimated for modes up to ``settings.highest``. A higher one counts
-    as not found: a higher rate of the recording would not help.
+    Without a data sheet, recordings are decimated for modes up to ``settings.highest``. A mode above it
+    counts as not found: a higher rate of the recording would not change the rate after decimation.
     """
-    refusal = too_slow(rate, frequency, settings)
+    refusal = rate_refusal(rate, frequency, settings)
     if refusal is not None and sheet is None and frequency > settings.highest:
         return _no_mode(settings)
     return refusal
@@ -136,9 +141,12 @@ def _search_around(
     settings: JointSettings,
     response: Response,
 ) -> SearchResult | Reason:
-    """Decimate the trips, and search and fit the modes around initial values; the reason if that fails."""
+    """Decimate the trips, search for the modes around initial values and fit them.
+
+    ``inertia`` is the total inertia, in units of the recorded force per m/s². Returns the reason if it fails.
+    """
     reduced = [decimated(trip, settings.rate * initial.rotor_free) for trip in trips]
-    refusal = too_slow(reduced[0].rate, initial.rotor_free, settings)
+    refusal = rate_refusal(reduced[0].rate, initial.rotor_free, settings)
     if refusal is not None:
         return refusal
     found = search(reduced, transients, inertia, initial, _block_names(trips, response), settings)
@@ -147,9 +155,9 @@ def _search_around(
     return found
 
 
-def too_slow(rate: float, frequency: float, settings: JointSettings) -> Reason | None:
+def rate_refusal(rate: float, frequency: float, settings: JointSettings) -> Reason | None:
     """Reason to refuse a sampling rate (Hz) that is too low for a frequency (Hz); None if it suffices."""
-    least = min(SAMPLES_PER_PERIOD, settings.rate) * frequency
+    least = _least_samples_per_period(settings) * frequency
     if rate >= least:
         return None
     text = (
@@ -159,8 +167,13 @@ def too_slow(rate: float, frequency: float, settings: JointSettings) -> Reason |
     return Reason("low-rate", text)
 
 
+def _least_samples_per_period(settings: JointSettings) -> float:
+    """Least number of samples per period of the mode; smaller where the settings decimate to less."""
+    return min(SAMPLES_PER_PERIOD, settings.rate)
+
+
 def _initial_values_around(frequency: float, form_curve: float) -> InitialValues:
-    """Initial values without a data sheet, for a rotor-free frequency in Hz."""
+    """Initial values without a data sheet, for a rotor-free frequency (Hz) and an expected curve (1/m²)."""
     return InitialValues(
         rotor_free=frequency,
         rotor_held=_ROTOR_HELD_RATIO * frequency,
@@ -170,7 +183,7 @@ def _initial_values_around(frequency: float, form_curve: float) -> InitialValues
 
 
 def _block_names(trips: Sequence[TripSignals], response: Response) -> tuple[str, ...]:
-    """Names of the blocks to fit: first those with the response of the nut, if it was measured."""
+    """Names of the blocks to fit; those with the response of the nut, if it was measured, come first."""
     names: tuple[str, ...] = ()
     if response != "motor" and len(trips[0].response):
         names = ("torque-nut", "motor-nut")
