@@ -1,1 +1,1 @@
-"""All cells of a run solved as one: the axial mode along the whole axis."""
+"""Joint estimator: one model of the axial mode along the axis, fitted to all cells of a run."""

@@ -29,15 +29,15 @@ from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.measure import Measurement
 from ballscrew.recording.rotation import RotationSums, rotating_modes
 
-# Spectrum of a jerk phase at the mode, over that of a sudden change of acceleration, below which a cell is
-# suspect.
+# Least spectrum of a jerk phase at the mode, over that of a sudden change of acceleration: a cell with less
+# is suspect.
 _LEAST_EXCITATION = 0.15
-# The spectrum of a jerk phase has a null at a frequency if the phase lasts a whole number of its periods.
-# Largest difference from a whole number, in periods, for which the null is given as the reason.
+# The spectrum of a jerk phase has a null at a frequency if the phase lasts a whole number of periods of it.
+# Up to this difference from a whole number, in periods, the null is given as the reason.
 _NULL_WIDTH = 0.25
 _LOST_END = Reason("no-mode", "or has an end of the screw, which is fixed at both ends, lost its pretension?")
-_NOT_MEASURED = {"measurement", "low-rate"}  # kinds of reason for which _LOST_END is not added
-_LARGEST_UNCERTAINTY = 0.5  # relative standard uncertainty of a ripple torque above which it is not reported
+_NOT_MEASURED = {"measurement", "low-rate"}  # kinds of reason to which _LOST_END is not added
+_LARGEST_UNCERTAINTY = 0.5  # relative standard uncertainty above which a ripple torque is not reported
 
 
 def signal_reducer(
@@ -50,22 +50,23 @@ def signal_reducer(
     sheet : DataSheet or None
         Predicts the mode's frequency; without it the rate suffices for every mode that may be found.
     load : float
-        On the table, kg.
+        Load on the table, kg.
     settings : JointSettings
-        Of the method.
+        Settings of the method.
 
     Returns
     -------
     callable
-        For :func:`ballscrew.recording.measure.measure`.
+        Argument ``extract`` of :func:`ballscrew.recording.measure.measure`.
     """
     rate = min(SAMPLES_PER_PERIOD, settings.rate) * settings.highest  # Hz
     if sheet is not None:
-        # Not lower than by the frequency in the middle of the axis, which the estimator decimates for.
+        # The frequency at position 0 is not lower than in the middle, for which the estimator decimates
+        # again.
         rate = settings.rate * float(predicted_frequency(sheet, 0.0, load))
 
     def reduce(aligned: Aligned) -> TripSignals:
-        """Decimate the channels of a recording, without accelerations of the motor among its responses."""
+        """Decimate the channels of a recording; accelerometers at the motor are omitted."""
         nut = [row for row, name in enumerate(aligned.responses) if ":motor" not in name]
         return trip_signals(replace(aligned, response=aligned.response[nut]), rate)
 
@@ -94,9 +95,9 @@ def analyse_jointly(
     sheet : DataSheet or None
         As for :func:`~ballscrew.modal.joint.identify.identify_jointly`.
     load : float
-        On the table, kg.
+        Load on the table, kg.
     settings : JointSettings
-        Of the method.
+        Settings of the method.
     response : {"nut", "motor", "both"}
         As for :func:`~ballscrew.modal.joint.identify.identify_jointly`.
 
@@ -109,7 +110,7 @@ def analyse_jointly(
     if measurement.quality.verdict == "bad" or measurement.transients is None:
         return JointResult(tuple(listed))
     files = list(measurement.extracts)
-    # File numbers of the run become indices among the files that have signals.
+    # Replace file numbers of the run by indices among the files that have signals.
     transients = [
         replace(transient, file=files.index(transient.file))
         for transient in complete_transients(measurement.transients)
@@ -135,7 +136,7 @@ def analyse_jointly(
 
 
 def _clock_uncertainty(measurement: Measurement, settings: JointSettings) -> float:
-    """Standard uncertainty of the clock, relative: at least its observed deviation from the plan."""
+    """Relative standard uncertainty of the clock: not less than its observed deviation from the plan."""
     if measurement.clock is None:
         return settings.clock
     return max(settings.clock, abs(measurement.clock.rate_error))
@@ -148,7 +149,7 @@ def _named_trips(measurement: Measurement) -> list[TripSignals]:
 
 
 def _with_lost_end(cells: Sequence[CellResult]) -> list[CellResult]:
-    """Cells with a further reason if none has a frequency, on a screw that is fixed at both ends.
+    """Cells of a screw that is fixed at both ends; if none has a frequency, with a further reason.
 
     An end without its pretension carries load in one direction only: the axis then has two stiffnesses in
     every period of a vibration, which is not a mode of the model. Cells whose measurement was refused have no
@@ -156,15 +157,21 @@ def _with_lost_end(cells: Sequence[CellResult]) -> list[CellResult]:
     """
     if any(cell.frequency_Hz is not None for cell in cells):
         return list(cells)
-    return [
-        cell if _NOT_MEASURED & set(cell.reason_kinds) else cell.with_reasons(_LOST_END) for cell in cells
-    ]
+    out = []
+    for cell in cells:
+        if not _NOT_MEASURED & set(cell.reason_kinds):
+            cell = cell.with_reasons(_LOST_END)
+        out.append(cell)
+    return out
 
 
 def _reordered(
     errors: Sequence[SharedError], given: Sequence[CellKey], wanted: Sequence[CellKey]
 ) -> tuple[SharedError, ...]:
-    """Shared errors with their effects on the cells ``wanted`` instead of ``given``; 0 where not given."""
+    """Shared errors with their effects in the order of other cells; 0 for cells without an effect.
+
+    ``given`` are the cells in the order of the effects, ``wanted`` those in the order of the result.
+    """
     out = []
     for error in errors:
         effects = dict(zip(given, error.effects_Hz, strict=True))
@@ -173,7 +180,7 @@ def _reordered(
 
 
 def _coherences(table: xr.Dataset | None) -> dict[CellKey, tuple[Array, Array]]:
-    """Frequency (Hz) and coherence, mean over the responses, of each cell; shape (frequencies,) each."""
+    """Frequency (Hz) and mean coherence of the responses, both of shape (frequencies,), for each cell."""
     if table is None:
         return {}
     frequency = table["frequency"].values
@@ -183,16 +190,16 @@ def _coherences(table: xr.Dataset | None) -> dict[CellKey, tuple[Array, Array]]:
 
 
 def suspect_unexcited(cells: Sequence[CellResult], plan: Plan | None) -> tuple[CellResult, ...]:
-    """Make cells suspect whose frequency the torque hardly excites.
+    """Make cells suspect if the torque hardly excites their frequency.
 
-    A mode that rings all the same was excited by another force. Ripple of the motor is in the model, but
-    forces of the guide, for example, are not. The fit would attribute their effect to the torque, with an
-    error that is not in the scatter of the cells.
+    If the mode nevertheless vibrates, another force excites it. Ripple of the motor is in the model, but
+    forces of the guide, for example, are not. The fit attributes their effect to the torque, with an error
+    that is not in the scatter of the cells.
 
     Parameters
     ----------
     cells : sequence of CellResult
-        Of a run.
+        Cells of a run.
     plan : Plan or None
         Plan of the run; if None, the cells are returned unchanged.
 
@@ -211,14 +218,14 @@ def suspect_unexcited(cells: Sequence[CellResult], plan: Plan | None) -> tuple[C
 def suspect_rotating(
     cells: Sequence[CellResult], rotations: Sequence[Mapping[str, RotationSums]]
 ) -> tuple[CellResult, ...]:
-    """Make cells suspect at whose frequency the table rotates more than it moves along the screw.
+    """Make cells suspect if the table rotates more at their frequency than it moves along the screw.
 
     Parameters
     ----------
     cells : sequence of CellResult
-        Of a run.
+        Cells of a run.
     rotations : sequence of mapping
-        Pitch and yaw of its recordings.
+        Pitch and yaw in its recordings.
 
     Returns
     -------
@@ -243,8 +250,18 @@ def suspect_rotating(
 def suspect_delayed(cells: Sequence[CellResult]) -> tuple[CellResult, ...]:
     """Make all cells suspect, since their only response, the motor's motion, is delayed against the torque.
 
-    A mere delay is part of the model. A filter that smooths the speed also delays it, but shifts the
+    The model contains a delay alone. A filter that smooths the speed delays it too, but also shifts the
     frequencies.
+
+    Parameters
+    ----------
+    cells : sequence of CellResult
+        Cells of a run.
+
+    Returns
+    -------
+    tuple of CellResult
+        With the reason; cells that were refused are still refused.
     """
     reason = Reason(
         "measurement",
@@ -253,13 +270,18 @@ def suspect_delayed(cells: Sequence[CellResult]) -> tuple[CellResult, ...]:
     )
     checked = []
     for cell in cells:
-        verdict = "suspect" if cell.verdict == "good" else cell.verdict
+        verdict = cell.verdict
+        if verdict == "good":
+            verdict = "suspect"
         checked.append(replace(cell, verdict=verdict).with_reasons(reason))
     return tuple(checked)
 
 
 def _checked_excitation(cell: CellResult, motions: Sequence[Motion]) -> CellResult:
-    """Result, made suspect if the jerks hardly excite its frequency."""
+    """Cell, suspect if the jerk phases of its motion hardly excite its frequency.
+
+    ``motions`` are the motions as each repetition executes them; all have the same jerk phase.
+    """
     f, u = cell.frequency_Hz, cell.standard_uncertainty_Hz
     if f is None or u is None or not motions:
         return cell
@@ -295,17 +317,17 @@ def motor_ripple(
     Returns
     -------
     tuple of MotorRipple
-        Torques in N m; None where they are too uncertain, or where mass or lead are not known.
+        Torques in N m; None if their uncertainty is too large, or if mass or lead are not known.
     """
     mass = body.equivalent_mass_kg
-    orders = [MotorRipple(each.order, None, None) for each in ripple]
+    out = [MotorRipple(fitted.order, None, None) for fitted in ripple]
     if mass is None or sheet is None:
-        return tuple(orders)
+        return tuple(out)
     torque_per_acceleration = mass * motor_travel(sheet)
-    mass_uncertainty = body.standard_uncertainty["equivalent_mass_kg"] / mass
-    for i, each in enumerate(ripple):
-        a, u = each.amplitude, each.uncertainty
+    mass_uncertainty = body.standard_uncertainty["equivalent_mass_kg"] / mass  # relative
+    for i, fitted in enumerate(ripple):
+        a, u = fitted.amplitude, fitted.uncertainty
         if a is not None and u is not None and u <= _LARGEST_UNCERTAINTY * a:
             torque = torque_per_acceleration * a
-            orders[i] = MotorRipple(each.order, torque, torque * math.hypot(u / a, mass_uncertainty))
-    return tuple(orders)
+            out[i] = MotorRipple(fitted.order, torque, torque * math.hypot(u / a, mass_uncertainty))
+    return tuple(out)

@@ -1,4 +1,4 @@
-"""Parameters of the fit: fields of the modes, as a vector of values."""
+"""Parameters of the fit: fields of the modes, and their conversion to a vector of values and back."""
 
 from __future__ import annotations
 
@@ -13,10 +13,14 @@ from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import ROTOR_FREE, ROTOR_HELD, Block
 from ballscrew.modal.joint.mode import AxialMode
 
-Modes = tuple[AxialMode, ...]  # one per block
-# A field of AxialMode and the index of its mode, ROTOR_FREE or ROTOR_HELD; None for a field that has the same
-# value in both modes. The field "local:3" is the local compliance at the fourth stop.
+Modes = tuple[AxialMode, ...]
+"""One mode per block."""
+
 Parameter = tuple[str, int | None]
+"""A field of AxialMode and the index of its mode, ROTOR_FREE or ROTOR_HELD.
+
+The index is None for a field that has the same value in both modes. The field ``"local:3"`` is the local
+compliance at the fourth stop."""
 
 LOCAL = "local:"
 """Beginning of the field of a local compliance."""
@@ -29,7 +33,8 @@ MODE_FIELDS = ("compliance", "slope", "curve", "damping")
 
 # Fields whose logarithm is the parameter.
 LOGARITHMIC = ("compliance", "damping", "mass_over_preload", *FRAME_FIELDS)
-# Least and largest value of a field; all of them without unit.
+# Least and largest value of a field, all without unit. They are wider than the values of any machine: a trial
+# step of the fit stays where the model is defined.
 _LIMITS = {
     "damping": (1e-3, 0.5),
     "pitch_damping": (1e-3, 0.5),
@@ -37,7 +42,7 @@ _LIMITS = {
     "frame_damping": (2e-3, 0.3),
     "coupling": (1e-5, 1.0),
 }
-_LOCAL_LIMITS = (-0.8, 20.0)  # of a local compliance, over the compliance in the middle
+_LOCAL_LIMITS = (-0.8, 20.0)  # likewise of a local compliance, over the compliance in the middle
 
 
 def limits_of(parameters: Sequence[Parameter]) -> Array:
@@ -59,17 +64,19 @@ def stop_of(field: str) -> int:
 
 
 def read_parameter(mode: AxialMode, field: str) -> float:
-    """Value of a field as a parameter: its logarithm for a logarithmic field."""
+    """Value of the parameter of a field: the field itself, or its logarithm for a logarithmic field."""
     if field.startswith(LOCAL):
         return mode.local[stop_of(field)]
     value = float(getattr(mode, field))
-    return math.log(value) if field in LOGARITHMIC else value
+    if field in LOGARITHMIC:
+        return math.log(value)
+    return value
 
 
 def modes_with(
     modes: Modes, blocks: Sequence[Block], parameters: Sequence[Parameter], values: Array
 ) -> Modes:
-    """Modes, one per block, with these values of the parameters, shape (parameters,)."""
+    """Modes, one per block, with new values of the parameters, shape (parameters,); others are unchanged."""
     out = []
     for mode, b in zip(modes, blocks, strict=True):
         changes: dict[str, Any] = {}
@@ -98,12 +105,12 @@ def with_rotor_parts(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> Mod
     Returns
     -------
     tuple of AxialMode
-        Unchanged where the frame does not move, or where only one of the two frequencies is fitted.
+        Unchanged if the frame does not move, or if only one of the two frequencies is fitted.
     """
-    of_index = {b.mode_index: mode for b, mode in zip(blocks, modes, strict=True)}
-    if len(of_index) == 1 or not modes[0].coupling > 0:
+    mode_by_index = {b.mode_index: mode for b, mode in zip(blocks, modes, strict=True)}
+    if len(mode_by_index) == 1 or not modes[0].coupling > 0:
         return tuple(modes)
-    rotor_free, rotor_held = of_index[ROTOR_FREE], of_index[ROTOR_HELD]
-    part = min(rotor_free.compliance / rotor_held.compliance, 1.0)
-    parts = {ROTOR_FREE: part, ROTOR_HELD: 1.0}
+    # The compliance is proportional to 1/f².
+    rotor_part = min(mode_by_index[ROTOR_FREE].compliance / mode_by_index[ROTOR_HELD].compliance, 1.0)
+    parts = {ROTOR_FREE: rotor_part, ROTOR_HELD: 1.0}
     return tuple(replace(m, rotor_part=parts[b.mode_index]) for b, m in zip(blocks, modes, strict=True))

@@ -10,6 +10,7 @@ from ballscrew.modal.reason import Reason
 from ballscrew.modal.run import FrameMode
 
 METHOD = "joint"
+"""Name of the method in results."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,11 +22,12 @@ class RippleOrder:
     order : int
         Periods per turn of the motor.
     amplitude, uncertainty : float or None
-        Amplitude over the equivalent mass, m/s², and its standard uncertainty; None if the run does not
-        determine it.
+        Amplitude of the force over the equivalent mass, m/s², and its standard uncertainty; None if the run
+        does not determine it.
     fractional : bool
-        Whether its frequency reaches the mode and a neighbouring order was found too. A single force with an
-        order between whole numbers is then likely, and whole orders describe it only in part.
+        Whether its frequency reaches the mode and a neighbouring order was found too. The two are then
+        likely to be a single force with an order between whole numbers, which whole orders describe only in
+        part.
     """
 
     order: int
@@ -41,7 +43,7 @@ class JointResult:
     Parameters
     ----------
     cells, shared_errors, mass_over_preload
-        As in :class:`~ballscrew.modal.run.Run`; effects of the errors are in the order of the cells.
+        As in :class:`~ballscrew.modal.run.Run`; the effects of a shared error are in the order of ``cells``.
     reasons : tuple of Reason
         Why the whole run is refused; empty if it is not.
     ripple : tuple of RippleOrder

@@ -22,31 +22,34 @@ class JointSettings:
     lowest, highest : float
         Range in which the mode is searched for without a data sheet, Hz.
     rate : float
-        Sampling rate over the mode's frequency; recordings with a higher one are decimated. The least rate is
-        :data:`ballscrew.fcft.trace.SAMPLES_PER_PERIOD` samples per period of the mode.
+        Sampling rate over the mode's frequency; recordings with a higher rate are decimated. A recording with
+        fewer than :data:`ballscrew.fcft.trace.SAMPLES_PER_PERIOD` samples per period of the mode, or fewer
+        than ``rate`` if that is less, is refused.
     floor, motor_floor : float
-        Power of the white noise that is added to the residual's spectrum before the whitening filter is
-        computed, over the power of the residual: for the response of the nut to the torque, and for that of
-        the motor. It keeps frequencies with little noise from deciding the fit.
+        Noise floor of the whitening filter: power of the white noise that is added to a residual before the
+        filter is computed, over the power of the residual. ``floor`` applies to the response of the nut to
+        the torque, ``motor_floor`` to that of the motor. Without it, the frequencies with the least noise
+        would have nearly all the weight.
     slopes : float
-        Standard deviation of the relative change, from one end of the axis to the other, of the ratio of the
-        squared rotor-free and rotor-held frequencies. The masses alone determine the ratio, so it should be
-        the same along the axis.
+        Tie between the slopes of the rotor-free and the rotor-held compliance along the axis: standard
+        deviation of the relative change, from one end of the axis to the other, of the ratio of the squared
+        frequencies. The masses alone determine this ratio, so it should not change along the axis.
     model_floor, rotor_held_floor : float
         Least standard uncertainty of the rotor-free and of the rotor-held frequency, over the frequency. It
-        is larger with the rotor held: the input is then the encoder's acceleration, which contains its noise.
+        is larger with the rotor held: the drive is then the encoder's acceleration, which contains its noise.
     clock : float
-        Standard uncertainty of the recorder's clock, over the frequency. By default that of a tolerance of
-        0.05 %, within which all errors are equally probable: of crystals, and of rates that are no whole
-        division of one. A run whose dwell and speed deviate more from the plan has their deviation instead.
+        Relative standard uncertainty of the recorder's clock, and so of every frequency. By default that of a
+        tolerance of 0.05 % within which all errors are equally probable; it includes the tolerance of a
+        crystal, and sampling rates that are not its frequency over a whole number. If dwell and speed of a
+        run deviate more from the plan, their deviation is used instead.
     most_unexplained : float
         Part of the response's power in the band that the model may leave unexplained; a run with more is
         refused.
     most_load : float
         Highest load on the nut during the test over its preload; a cell with more is refused.
     most_uncertainty : float
-        Standard uncertainty over the frequency above which a cell is refused, since it adds little to what a
-        data sheet predicts.
+        Standard uncertainty over the frequency above which a cell is refused: the data sheet predicts the
+        frequency nearly as well.
     """
 
     band_low: float = 0.5

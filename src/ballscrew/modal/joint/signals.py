@@ -1,4 +1,4 @@
-"""Input of the joint estimator: a few channels of each recording at a low rate, and its transients."""
+"""Input of the joint estimator: channels of each recording at a low rate, and its transients."""
 
 from __future__ import annotations
 
@@ -31,14 +31,13 @@ class TripSignals:
     force : ndarray, shape (n,)
         Torque, force or current, in any unit: it is divided by the total inertia in the same unit.
     position : ndarray, shape (n,)
-        Of the motor's encoder, m.
+        Position of the table by the motor's encoder, m.
     response : ndarray, shape (n_responses, n)
         Accelerations along the axis at the nut, m/s²; no rows where there is no accelerometer.
     rounding : float
-        Power spectral density of the error of the force by rounding to its steps, in its unit squared per
-        hertz.
+        Power spectral density of the rounding error of the force, in the square of its unit per hertz.
     name : str
-        Of the recording.
+        Name of the recording.
     motor : ndarray, shape (n,), optional
         Acceleration of the motor, derived from its speed, m/s²; if absent, it is derived from the position.
     """
@@ -74,7 +73,7 @@ def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
     -------
     TripSignals
         At a rate that is the recording's divided by a whole number. The filter has no delay and is the same
-        for all channels, so it does not change the relations between them.
+        for all channels, so it does not change the relation between them.
 
     Raises
     ------
@@ -95,9 +94,10 @@ def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
 
 
 def _rounding(force: Array, rate: float) -> float:
-    """Power spectral density of the rounding error of a force, in its unit squared per hertz.
+    """Power spectral density of the rounding error of a force, in the square of its unit per hertz.
 
-    Its power is step²/12, spread evenly from 0 to half the rate at which the signal changes.
+    The power of the error is step²/12, distributed evenly from 0 to half the rate at which the signal
+    changes. ``rate`` is the sampling rate, Hz.
     """
     steps = np.diff(np.unique(force))
     changes = np.count_nonzero(np.diff(force)) / max(len(force) - 1, 1) * rate  # per second
@@ -114,12 +114,14 @@ def position_range(trips: Sequence[TripSignals]) -> tuple[float, float]:
 
 def decimated(trip: TripSignals, rate: float) -> TripSignals:
     """Trip at the lowest rate, not below ``rate`` (Hz), that is its own divided by a whole number."""
-    step = max(1, int(trip.rate / rate + 1e-9))
+    step = max(1, int(trip.rate / rate + 1e-9))  # an exact division may be rounded down
     if step == 1:
         return trip
     rows = _decimator(step)(trip.channels, 0, len(trip.force))  # in the order of TripSignals.channels
     force, position, response = rows[0], rows[1], rows[2 : 2 + len(trip.response)]
-    motor = None if trip.motor is None else rows[-1]
+    motor = None
+    if trip.motor is not None:
+        motor = rows[-1]
     return TripSignals(trip.rate / step, force, position, response, trip.rounding, trip.name, motor)
 
 
@@ -130,7 +132,7 @@ def complete_transients(transients: xr.Dataset) -> tuple[TransientRow, ...]:
 
 @lru_cache(maxsize=16)
 def _decimator(step: int) -> Decimator:
-    """Low-pass filter that returns every ``step``-th sample."""
+    """Low-pass filter that returns one of ``step`` samples."""
     from scipy.signal import firwin
 
     taps = np.asarray(firwin(_TAPS * step + 1, _PASS / step))
