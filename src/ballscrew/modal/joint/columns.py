@@ -1,4 +1,9 @@
-"""Columns of the linear least-squares problem that a response of the mode gives, in compiled loops."""
+"""Columns of the linear least-squares problem of a block, in compiled loops.
+
+The axial and the pitching mode determine the first columns, in this order: the response of the axial mode and
+its derivative; for accelerometers at the nut also the second derivative of this response, the response of the
+pitching mode, and its derivative. Derivatives are per sample.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +18,16 @@ from ballscrew.base.compilation import compiled
 BELOW_NYQUIST = 0.45
 """Highest frequency of the discrete pitching mode, over the sampling rate."""
 
+MOTOR_MODE_COLUMNS = 2
+"""Number of columns that the axial mode determines in a block with the motor's response."""
+
+NUT_MODE_COLUMNS = 5
+"""Number of columns that the axial and the pitching mode determine in a block with the nut's response."""
+
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def pitching_response(
-    acceleration: Array, first: NDArray[np.int64], frequency: float, damping: float, dt: float, out: Array
+    acceleration: Array, starts: NDArray[np.int64], frequency: float, damping: float, dt: float, out: Array
 ) -> None:
     """Response of the table's pitching mode, of unit gain at low frequency, to its axial acceleration.
 
@@ -25,9 +36,9 @@ def pitching_response(
     Parameters
     ----------
     acceleration : ndarray, shape (n,)
-        m/s².
-    first : ndarray, shape (windows + 1,)
-        First sample of each window.
+        Axial acceleration of the table, m/s².
+    starts : ndarray, shape (windows + 1,)
+        Index of the first sample of each window, and the number of samples.
     frequency, damping : float
         Angular frequency, rad/s, and damping ratio.
     dt : float
@@ -35,15 +46,17 @@ def pitching_response(
     out : ndarray, shape (n,)
         Filled with the response, m/s².
     """
-    # Bilinear transform, prewarped so that the resonance stays at its frequency.
+    # Bilinear transform, prewarped so that the resonance stays at its frequency: s = k (1 - 1/z) / (1 + 1/z).
+    # Coefficients of the output: 1, a1, a2; of the input: b0, 2 b0, b0.
     square = frequency * frequency
     k = frequency / math.tan(frequency * dt / 2)
     a0 = k * k + 2 * damping * frequency * k + square
     b0 = square / a0
-    a1, a2 = 2 * (square - k * k) / a0, (k * k - 2 * damping * frequency * k + square) / a0
-    for window in range(first.shape[0] - 1):
+    a1 = 2 * (square - k * k) / a0
+    a2 = (k * k - 2 * damping * frequency * k + square) / a0
+    for window in range(starts.shape[0] - 1):
         memory_0 = memory_1 = 0.0
-        for i in range(first[window], first[window + 1]):
+        for i in range(starts[window], starts[window + 1]):
             x = acceleration[i]
             y = b0 * x + memory_0
             memory_0 = 2 * b0 * x - a1 * y + memory_1
@@ -52,15 +65,15 @@ def pitching_response(
 
 
 @compiled()
-def differences(values: Array, first: NDArray[np.int64]) -> Array:
+def differences(values: Array, starts: NDArray[np.int64]) -> Array:
     """Derivative by central differences, one-sided at both ends of each window.
 
     Parameters
     ----------
     values : ndarray, shape (n,)
-        Of all windows, one after the other.
-    first : ndarray, shape (windows + 1,)
-        First sample of each window.
+        Signal in all windows, one after the other.
+    starts : ndarray, shape (windows + 1,)
+        Index of the first sample of each window, and the number of samples.
 
     Returns
     -------
@@ -68,10 +81,11 @@ def differences(values: Array, first: NDArray[np.int64]) -> Array:
         Derivative per sample, in the unit of ``values``; 0 in a window of a single sample.
     """
     out = np.zeros(values.shape[0])
-    for window in range(first.shape[0] - 1):
-        start, last = first[window], first[window + 1] - 1
+    for window in range(starts.shape[0] - 1):
+        start, last = starts[window], starts[window + 1] - 1
         if start < last:
-            out[start], out[last] = values[start + 1] - values[start], values[last] - values[last - 1]
+            out[start] = values[start + 1] - values[start]
+            out[last] = values[last] - values[last - 1]
         for i in range(start + 1, last):
             out[i] = 0.5 * (values[i + 1] - values[i - 1])
     return out
@@ -81,41 +95,41 @@ def differences(values: Array, first: NDArray[np.int64]) -> Array:
 def fill_columns(
     response: Array,
     pitching: Array,
-    known: Array,
+    fixed: Array,
     ripple: Array,
-    first: NDArray[np.int64],
+    starts: NDArray[np.int64],
     columns: Array,
 ) -> None:
-    """Fill the columns of the linear least-squares problem of a block, in the order of the parameters.
+    """Fill the columns of a block: those of the modes, the fixed ones, and those of the ripple.
 
     Parameters
     ----------
     response : ndarray, shape (n,)
-        Response of the axial mode, m/s². Columns: the response and its derivative.
+        Response of the axial mode, m/s².
     pitching : ndarray, shape (n,)
-        Response of the pitching mode, m/s², for a block with the nut's response; else empty. Further columns:
-        the second derivative of ``response``, the response of the pitching mode and its derivative.
-    known : ndarray, shape (n, m)
-        Columns that do not depend on the mode.
+        Response of the pitching mode, m/s², for a block with the nut's response; else empty, shape (0,).
+    fixed : ndarray, shape (n, m)
+        Columns that do not depend on the modes.
     ripple : ndarray, shape (n, k)
-        Response of the mode to the ripple.
-    first : ndarray, shape (windows + 1,)
-        First sample of each window.
-    columns : ndarray, shape (n, 2 + m + k) or (n, 5 + m + k)
-        Filled.
+        Response of the axial mode to each force of the ripple, m/s².
+    starts : ndarray, shape (windows + 1,)
+        Index of the first sample of each window, and the number of samples.
+    columns : ndarray, shape (n, 2 + m + k), or (n, 5 + m + k) for the nut's response
+        Filled. The modes have :data:`MOTOR_MODE_COLUMNS` or :data:`NUT_MODE_COLUMNS` of them.
     """
     nut = pitching.shape[0] > 0
-    own = 5 if nut else 2
-    derivative = differences(response, first)
+    mode_columns = NUT_MODE_COLUMNS if nut else MOTOR_MODE_COLUMNS
+    derivative = differences(response, starts)
     for i in range(columns.shape[0]):
         columns[i, 0] = response[i]
         columns[i, 1] = derivative[i]
-        for k in range(known.shape[1]):
-            columns[i, own + k] = known[i, k]
+        for k in range(fixed.shape[1]):
+            columns[i, mode_columns + k] = fixed[i, k]
         for k in range(ripple.shape[1]):
-            columns[i, own + known.shape[1] + k] = ripple[i, k]
+            columns[i, mode_columns + fixed.shape[1] + k] = ripple[i, k]
     if nut:
-        second, pitching_derivative = differences(derivative, first), differences(pitching, first)
+        second = differences(derivative, starts)
+        pitching_derivative = differences(pitching, starts)
         for i in range(columns.shape[0]):
             columns[i, 2] = second[i]
             columns[i, 3] = pitching[i]
@@ -127,45 +141,51 @@ def fill_change(
     response: Array,
     pitching: Array,
     ripple: Array,
-    first: NDArray[np.int64],
+    starts: NDArray[np.int64],
     weights: Array,
-    now: Array,
+    present: Array,
     step: float,
     change: Array,
 ) -> None:
     """Fill the difference quotient of a model: columns times weights, less the present model, over the step.
 
+    The fixed columns have no part in it.
+
     Parameters
     ----------
-    response, pitching, ripple, first
-        As for :func:`fill_columns`, without columns that do not depend on the mode.
-    weights : ndarray, shape (2 + k, responses) or (5 + k, responses)
+    response, pitching, ripple, starts
+        As for :func:`fill_columns`, after the change of a parameter.
+    weights : ndarray, shape (2 + k, responses), or (5 + k, responses) for the nut's response
         Weights of the columns in each response.
-    now : ndarray, shape (n, responses)
-        The present model, without columns that do not depend on the mode, m/s².
+    present : ndarray, shape (n, responses)
+        Model before the change of the parameter, without fixed columns, m/s².
     step : float
-        Change of the parameter by which the columns differ from those of the present model.
+        Change of the parameter.
     change : ndarray, shape (n, responses)
         Filled, m/s² per unit of the parameter.
     """
     nut = pitching.shape[0] > 0
-    own = 5 if nut else 2
-    derivative = differences(response, first)
-    second, pitching_derivative = derivative, derivative
+    mode_columns = NUT_MODE_COLUMNS if nut else MOTOR_MODE_COLUMNS
+    derivative = differences(response, starts)
+    second, pitching_derivative = derivative, derivative  # not used without the nut: numba needs a value
     if nut:
-        second, pitching_derivative = differences(derivative, first), differences(pitching, first)
+        second = differences(derivative, starts)
+        pitching_derivative = differences(pitching, starts)
     for r in range(change.shape[1]):
-        of_response, of_derivative = weights[0, r] / step, weights[1, r] / step
+        factor, derivative_factor = weights[0, r] / step, weights[1, r] / step
         for i in range(change.shape[0]):
-            change[i, r] = of_response * response[i] + of_derivative * derivative[i] - now[i, r] / step
+            change[i, r] = factor * response[i] + derivative_factor * derivative[i] - present[i, r] / step
         if nut:
-            of_second, of_pitching, of_last = weights[2, r] / step, weights[3, r] / step, weights[4, r] / step
+            second_factor = weights[2, r] / step
+            pitching_factor, pitching_derivative_factor = weights[3, r] / step, weights[4, r] / step
             for i in range(change.shape[0]):
                 change[i, r] += (
-                    of_second * second[i] + of_pitching * pitching[i] + of_last * pitching_derivative[i]
+                    second_factor * second[i]
+                    + pitching_factor * pitching[i]
+                    + pitching_derivative_factor * pitching_derivative[i]
                 )
         for k in range(ripple.shape[1]):
-            weight = weights[own + k, r] / step
+            weight = weights[mode_columns + k, r] / step
             if weight != 0:
                 for i in range(change.shape[0]):
                     change[i, r] += weight * ripple[i, k]
