@@ -24,27 +24,27 @@ def pushed_windows(fitted: JointFit, order: float, size: float) -> Windows:
     """Modelled response with noise, and with that to a force of another phase in each direction."""
     w, mode = fitted.blocks[0].windows, fitted.modes[0]
     b = make_block("torque-nut", w, balls=ball_forces(w, LEAD, order))
-    response = simulate(b, mode).to_ripple @ np.array([1.0, 0.3, -0.2, 0.9])
+    response = simulate(b, mode).ripple_response @ np.array([1.0, 0.3, -0.2, 0.9])
     noise = np.random.default_rng(0).normal(scale=0.05, size=w.nut.shape)
-    return replace(w, nut=fitted.solved[0].model.T + noise + size * response)
+    return replace(w, nut=fitted.projections[0].model.T + noise + size * response)
 
 
 def test_the_order_is_found(fitted: JointFit) -> None:
     w = pushed_windows(fitted, 12.37, 0.01)
-    found = find_balls("torque-nut", w, fitted.modes[0], LEAD, np.empty((len(w.place), 0)))
+    found = find_balls("torque-nut", w, fitted.modes[0], LEAD, np.empty((len(w.centred_position), 0)))
     assert found == pytest.approx(12.37, abs=0.005)
 
 
 def test_noise_is_no_force(fitted: JointFit) -> None:
     w = pushed_windows(fitted, 12.37, 0.0)
-    assert find_balls("torque-nut", w, fitted.modes[0], LEAD, np.empty((len(w.place), 0))) is None
-    assert ball_forces(w, LEAD, None).shape == (len(w.place), 0)
+    assert find_balls("torque-nut", w, fitted.modes[0], LEAD, np.empty((len(w.centred_position), 0))) is None
+    assert ball_forces(w, LEAD, None).shape == (len(w.centred_position), 0)
 
 
 def test_one_direction_may_have_no_sample_that_counts(fitted: JointFit) -> None:
     w = pushed_windows(fitted, 12.37, 0.03)
     one_way = replace(w, in_motion=w.in_motion & (w.direction > 0))
-    found = find_balls("torque-nut", one_way, fitted.modes[0], LEAD, np.empty((len(w.place), 0)))
+    found = find_balls("torque-nut", one_way, fitted.modes[0], LEAD, np.empty((len(w.centred_position), 0)))
     assert found == pytest.approx(12.37, abs=0.2)  # fewer samples resolve an order less well
 
 
@@ -58,5 +58,5 @@ def test_it_drives_both_modes(fitted: JointFit) -> None:
 
 def test_a_way_of_less_than_two_turns_resolves_no_order_between_whole_ones(fitted: JointFit) -> None:
     w = pushed_windows(fitted, 12.37, 0.03)
-    lead = float(np.ptp(w.place)) / 1.9
-    assert find_balls("torque-nut", w, fitted.modes[0], lead, np.empty((len(w.place), 0))) is None
+    lead = float(np.ptp(w.centred_position)) / 1.9
+    assert find_balls("torque-nut", w, fitted.modes[0], lead, np.empty((len(w.centred_position), 0))) is None

@@ -69,7 +69,7 @@ def test_what_is_left_over_is_what_the_residual_has(run: SmallRun, blocks: list[
         for scale in (0.9, 1.0, 1.1):
             there = shape(scale * middle)
             power = remaining_power(b, raw_columns(b, there), like)
-            solved = project(b, there, like.free)
+            solved = project(b, there, like.free_vibration)
             assert power == pytest.approx(float(np.sum(solved.residual**2)), rel=1e-9)
 
 
@@ -78,16 +78,18 @@ def test_the_change_of_a_model_is_that_of_its_columns_times_their_weights(run: S
     random, mode = np.random.default_rng(0), shape(150.0)
     w = average_windows(run.trips, run.transients, 1.0, 90.0, 300.0)
     assert w is not None
-    force = random.normal(size=(len(w.place), 2))
+    force = random.normal(size=(len(w.centred_position), 2))
     for name in ("torque-nut", "torque-motor"):
         b = make_block(name, w, ripple=force)
-        b = replace(b, known=np.empty((len(force), 0)))
+        b = replace(b, fixed_columns=np.empty((len(force), 0)))
         columns = raw_columns(b, mode)
         weights, now = random.normal(size=(columns.shape[1], b.target.shape[1])), random.normal(b.target)
         weights[-1] = 0.0
         simulation, found = simulate(b, mode), np.empty(now.shape)
         pitching = pitching_of(b, mode, simulation)
-        fill_change(simulation.response, pitching, simulation.to_ripple, w.first, weights, now, step, found)
+        fill_change(
+            simulation.response, pitching, simulation.ripple_response, w.starts, weights, now, step, found
+        )
         expected = (columns @ weights - now) / step
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
@@ -95,9 +97,9 @@ def test_the_change_of_a_model_is_that_of_its_columns_times_their_weights(run: S
 def test_known_columns_of_forces_are_in_the_band(run: SmallRun) -> None:
     w = average_windows(run.trips, run.transients, 1.0, 90.0, 300.0)
     assert w is not None
-    force = np.random.default_rng(0).normal(size=(len(w.place), 3))
+    force = np.random.default_rng(0).normal(size=(len(w.centred_position), 3))
     given = force.copy()
-    found = make_block("torque-nut", w, ripple=force).known[:, -3:]
+    found = make_block("torque-nut", w, ripple=force).fixed_columns[:, -3:]
     np.testing.assert_array_equal(force, given)
     for start, stop in w.spans:
         expected = sosfilt(w.band.sections, force[start:stop], axis=0)
@@ -122,7 +124,9 @@ def test_the_residual_is_orthogonal_to_the_columns_and_to_the_ringing(
         lengths = np.linalg.norm(solved.columns, axis=0)
         assert np.abs(solved.columns.T @ solved.residual / lengths[:, None]).max() < 1e-6 * size
         for start, stop in b.windows.spans:
-            assert np.abs(solved.free[start:stop].T @ solved.residual[start:stop]).max() < 1e-9 * size
+            assert (
+                np.abs(solved.free_vibration[start:stop].T @ solved.residual[start:stop]).max() < 1e-9 * size
+            )
 
 
 def test_products_are_those_of_signals_without_their_parts_along_the_columns(blocks: list[Block]) -> None:

@@ -17,11 +17,11 @@ def test_a_zero_that_is_not_found_does_not_discard_the_rotor_held_frequency(
     monkeypatch: pytest.MonkeyPatch, zero: float, uncertainty: float
 ) -> None:
     """It adds a third of the difference where there is one."""
-    free, term = np.array([120.0]), frequencies.Term("noise", False, np.array([[0.2]]))
+    free, term = np.array([120.0]), frequencies.UncertaintyTerm("noise", False, np.array([[0.2]]))
     block: Any = SimpleNamespace(windows=SimpleNamespace(stops=np.zeros(1)))
     found: Any = SimpleNamespace(fit=SimpleNamespace(blocks=[block, block]), unwhitened=None)
     monkeypatch.setattr(frequencies, "_torque_zero", lambda *_: (np.array([zero]), np.array([np.inf])))
-    monkeypatch.setattr(frequencies, "_curve", lambda *_: (np.array([100.0]), [term]))
+    monkeypatch.setattr(frequencies, "_frequency_and_terms", lambda *_: (np.array([100.0]), [term]))
     monkeypatch.setattr(frequencies, "unexplained_power", lambda _: {})
     tied: Any = None
     found_at = frequencies._rotor_held_frequency(found, tied, tied, JointSettings(), free, free)

@@ -8,7 +8,7 @@ from tests.modal.joint.conftest import SmallRun
 
 from ballscrew.modal.joint.blocks import Block, make_block, project
 from ballscrew.modal.joint.jacobian import model_jacobian, normal_equations
-from ballscrew.modal.joint.local_wear import local_fields, with_places
+from ballscrew.modal.joint.local_wear import local_fields, with_stops
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
 from ballscrew.modal.joint.parameters import Parameter, read_parameter
 
@@ -31,7 +31,7 @@ def test_normal_equations_are_the_products_of_the_jacobian(
     run: SmallRun, blocks: list[Block], local: bool
 ) -> None:
     w = blocks[0].windows
-    ripple = np.random.default_rng(0).normal(size=(len(w.place), 2))
+    ripple = np.random.default_rng(0).normal(size=(len(w.centred_position), 2))
     mixed = [
         make_block("torque-nut", w, ripple=ripple),
         blocks[1],
@@ -42,7 +42,7 @@ def test_normal_equations_are_the_products_of_the_jacobian(
     modes = (mode,) * len(mixed)
     if local:
         places = tuple(np.unique(w.stops).tolist())
-        modes = with_places(modes, places)
+        modes = with_stops(modes, places)
         parameters += [(field, None) for field in local_fields(places)]
     solved, weights = [project(b, m) for b, m in zip(mixed, modes, strict=True)], (1.0, 2.0, 3.0)
     values = np.array([read_parameter(modes[0], field) for field, _ in parameters])

@@ -15,7 +15,7 @@ from ballscrew.modal.joint.local_wear import (
     _smooth_basis,
     local_fields,
     local_priors,
-    with_places,
+    with_stops,
 )
 from ballscrew.modal.joint.mode import AxialMode, compliance_of, mode_frequency
 from ballscrew.modal.joint.simulation import LOAD_STEP, SOFTENING
@@ -69,7 +69,7 @@ def test_local_parameters_are_added_as_by_a_fit_without_steps(run: SmallRun) -> 
     fields = ("compliance", "damping", "slope")
     ended = fit_blocks(blocks, [shape, shape], fields, most_steps=4)
     places = tuple(sorted({cell.position - w.middle for cell in w.cells}))
-    wide = with_places(ended.modes, places)
+    wide = with_stops(ended.modes, places)
     found = with_local_parameters(ended, wide, local_fields(places))
     other = fit_blocks(blocks, wide, fields + local_fields(places), most_steps=0)
     order = [found.parameters.index(key) for key in other.parameters]

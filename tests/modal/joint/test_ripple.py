@@ -103,10 +103,10 @@ def test_the_order_is_found_and_explains_most_of_the_residual(
     now, _ = cogging_fit
     assert found(cogging, now) == (12,)
     w = now.blocks[0].windows
-    twelfth = ripple._forces(turn_harmonics(cogging.trips, w, LEAD), (12,))
+    twelfth = ripple.select_harmonics(turn_harmonics(cogging.trips, w, LEAD), (12,))
     b = make_block("torque-nut", w, ripple=twelfth)
     then = fit_blocks([b], now.modes, ("compliance", "damping", "slope"), most_steps=4)
-    assert then.solved[0].unexplained < 0.5 * now.solved[0].unexplained
+    assert then.projections[0].unexplained < 0.5 * now.projections[0].unexplained
 
 
 def test_where_there_is_no_ripple_it_changes_nothing(
@@ -134,10 +134,10 @@ def test_the_size_of_a_force_is_found(cogging: SmallRun, cogging_fit: tuple[Join
     """The fitted twelfth order is the motor's ripple over the whole mass."""
     now, mass = cogging_fit
     w = now.blocks[0].windows
-    twelfth = ripple._forces(turn_harmonics(cogging.trips, w, LEAD), (12,))
+    twelfth = ripple.select_harmonics(turn_harmonics(cogging.trips, w, LEAD), (12,))
     b = make_block("torque-nut", w, ripple=twelfth)
     then = fit_blocks([b], now.modes, ("compliance", "damping", "slope"), most_steps=8)
-    weights = then.solved[0].weights.mean(
+    weights = then.projections[0].weights.mean(
         axis=1
     )  # over both sides of the table, which pitch against each other
     assert np.hypot(*weights[-2:]) / weights[0] == pytest.approx(0.012 / mass, rel=0.1)
@@ -148,9 +148,9 @@ def test_without_an_order_there_is_no_force(smooth: SmallRun, lead: float) -> No
     now, _ = first_fit(smooth)
     w = now.blocks[0].windows
     turns = turn_harmonics(smooth.trips, w, lead)
-    assert turns.shape == (len(w.place), 36 if lead else 0, 2)
+    assert turns.shape == (len(w.centred_position), 36 if lead else 0, 2)
     assert select_orders("torque-nut", w, now.modes[0], turns, lead) == ()
-    assert ripple._forces(turns, ()).shape == (len(w.place), 0)
+    assert ripple.select_harmonics(turns, ()).shape == (len(w.centred_position), 0)
 
 
 def test_orders_are_chosen_anew_until_they_stay(
@@ -161,8 +161,8 @@ def test_orders_are_chosen_anew_until_they_stay(
     monkeypatch.setattr(ripple, "select_orders", lambda *_, **__: next(choices))
     monkeypatch.setattr(ripple, "find_balls", lambda *_, **__: None)
     tried: list[tuple[int, ...]] = []
-    of = ripple._forces
-    monkeypatch.setattr(ripple, "_forces", lambda turns, some: tried.append(some) or of(turns, some))
+    of = ripple.select_harmonics
+    monkeypatch.setattr(ripple, "select_harmonics", lambda turns, some: tried.append(some) or of(turns, some))
     identify_jointly(cogging.trips, two_stops(cogging).transients, sheet, LOAD)
     assert tried[:2] == [(5,), (6, 12)]
     assert set(tried[2:]) == {(6, 12)}  # for the balls, and for each trip
@@ -174,16 +174,16 @@ def test_the_response_to_the_motors_motion_includes_the_ripple(
 ) -> None:
     now, _ = cogging_fit
     w = now.blocks[0].windows
-    pushes = ripple._forces(turn_harmonics(cogging.trips, w, LEAD), (12,))
+    pushes = ripple.select_harmonics(turn_harmonics(cogging.trips, w, LEAD), (12,))
     assert make_block("motor-nut", w, ripple=pushes).ripple.shape[1] == 0
     assert make_block("torque-nut", w, ripple=pushes).ripple.shape[1] == 2
     # The force is a part of the answer beside what it makes of the mode: at the motor, or at the nut.
     for name in ("torque-motor", "torque-nut"):
         without, pushed = (make_block(name, w, ripple=forces) for forces in (None, pushes))
-        assert pushed.known.shape[1] == without.known.shape[1] + 2
+        assert pushed.fixed_columns.shape[1] == without.fixed_columns.shape[1] + 2
         start, stop = w.spans[2]
         in_band = sosfilt(w.band.sections, pushes[start:stop], axis=0)
-        assert pushed.known[start:stop, -2:] == pytest.approx(in_band, abs=1e-12)
+        assert pushed.fixed_columns[start:stop, -2:] == pytest.approx(in_band, abs=1e-12)
 
 
 def test_orders_are_averaged_as_the_trips_are(cogging: SmallRun, cogging_fit: tuple[JointFit, float]) -> None:

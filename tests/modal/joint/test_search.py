@@ -27,12 +27,12 @@ def test_a_worn_nut_is_chosen_if_its_residual_is_clearly_smaller(
         return modes, -gain if modes[0].mass_over_preload > NEW.mass_over_preload else 0.0
 
     monkeypatch.setattr(search, "fit_modes", fitted)
-    (chosen,) = search._new_or_worn([], (NEW,), Profile(False, NEW.mass_over_preload))
+    (chosen,) = search._fit_new_or_worn([], (NEW,), Profile(False, NEW.mass_over_preload))
     assert (chosen.mass_over_preload > NEW.mass_over_preload) == worn
 
 
 def test_without_a_sheet_there_is_one_start() -> None:
-    assert search._new_or_worn([], (NEW,), Profile(False, 0.0)) == (NEW,)
+    assert search._fit_new_or_worn([], (NEW,), Profile(False, 0.0)) == (NEW,)
 
 
 RATE, LENGTH = 1000.0, 200
@@ -48,14 +48,14 @@ def departs_freely(friction: float, noise: float, condition: str = "PA") -> bool
     in_motion = np.arange(LENGTH) >= SLIP
     windows = SimpleNamespace(
         rate=RATE,
-        place=np.zeros(LENGTH),
+        centred_position=np.zeros(LENGTH),
         spans=[(0, LENGTH)],
         cells=[SimpleNamespace(condition=condition)],
         in_motion=in_motion,
         from_rest=np.ones(LENGTH, bool),
     )
     target = (response + error)[:, None]
-    return search._departs_freely(
+    return search._friction_is_negligible(
         cast(Block, SimpleNamespace(windows=windows, target=target)),
         cast(Projection, SimpleNamespace(model=response[:, None])),
     )
@@ -87,7 +87,7 @@ def test_a_fit_from_the_expected_nut_replaces_one_that_is_clearly_worse(
 
     monkeypatch.setattr(search, "fit_profile", fitted)
     found = cast(JointFit, SimpleNamespace(modes=(NEW,), log_residual=0.0))
-    fit, _ = search._better_with_expected_nut([], found, UNKNOWN, Profile(False, expected))
+    fit, _ = search._refit_with_expected_nut([], found, UNKNOWN, Profile(False, expected))
     assert (fit is not found) == better
     assert fit.modes[0].mass_over_preload == (expected if better else NEW.mass_over_preload)
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from tests.modal.joint.conftest import SmallRun, small_run
 from tests.modal.joint.test_ripple import LEAD, first_fit
 
-from ballscrew.modal.joint.ripple import Force
+from ballscrew.modal.joint.ripple import ForceOrders
 from ballscrew.modal.joint.trips import TripShift, disagreement, trip_shifts
 from ballscrew.testbed.trip import Rig
 
@@ -17,7 +17,7 @@ def test_a_trip_of_another_preload_is_named(rig: Rig, run: SmallRun) -> None:
     last = tuple(replace(transient, file=3) for transient in half.transients)
     trips = (*run.trips, replace(half.trips[0], name="half.h5"))
     now, mass = first_fit(run)
-    reason = disagreement(trip_shifts(trips, (*run.transients, *last), mass, now, Force(LEAD)))
+    reason = disagreement(trip_shifts(trips, (*run.transients, *last), mass, now, ForceOrders(LEAD)))
     assert reason is not None
     assert reason.kind == "trips-differ"
     assert "half.h5 by -" in reason.text
@@ -25,10 +25,10 @@ def test_a_trip_of_another_preload_is_named(rig: Rig, run: SmallRun) -> None:
 
 def test_trips_of_one_state_agree(run: SmallRun) -> None:
     now, mass = first_fit(run)
-    shifts = trip_shifts(run.trips, run.transients, mass, now, Force(LEAD))
+    shifts = trip_shifts(run.trips, run.transients, mass, now, ForceOrders(LEAD))
     assert [shift.name for shift in shifts] == ["trip 1", "trip 2", "trip 3"]
     assert disagreement(shifts) is None
-    assert trip_shifts(run.trips[:1], run.transients, mass, now, Force(LEAD)) == ()
+    assert trip_shifts(run.trips[:1], run.transients, mass, now, ForceOrders(LEAD)) == ()
 
 
 def test_a_difference_is_reported_if_it_is_clear_and_not_small() -> None:
@@ -44,5 +44,5 @@ def test_a_difference_is_reported_if_it_is_clear_and_not_small() -> None:
 def test_a_trip_without_transients_is_not_compared(run: SmallRun) -> None:
     now, mass = first_fit(run)
     trips = (*run.trips, replace(run.trips[0], name="aborted"))
-    shifts = trip_shifts(trips, run.transients, mass, now, Force(LEAD))
+    shifts = trip_shifts(trips, run.transients, mass, now, ForceOrders(LEAD))
     assert [shift.name for shift in shifts] == ["trip 1", "trip 2", "trip 3"]

@@ -12,7 +12,7 @@ from tests.modal.joint.test_ripple import first_fit
 from ballscrew.modal.joint.blocks import make_block
 from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit, Prior, fit_blocks
 from ballscrew.modal.joint.local_wear import LocalVariation, shrinkage_covariance
-from ballscrew.modal.joint.mode import FORM_PRIOR, mode_frequency
+from ballscrew.modal.joint.mode import FORM_DEVIATION, FORM_MEAN, mode_frequency
 from ballscrew.modal.joint.uncertainty import (
     _cell_covariance,
     _condition_covariance,
@@ -112,11 +112,11 @@ def test_the_scatter_of_conditions_needs_two_of_them(both: JointFit) -> None:
 
 def with_form(both: JointFit, deviation: float | None) -> JointFit:
     """The fit with the form of a screw, which is not fitted, or with a prior of this standard deviation."""
-    mode = replace(both.modes[0], form=FORM_PRIOR[0], form_curve=0.05)
+    mode = replace(both.modes[0], form=FORM_MEAN, form_curve=0.05)
     fields: tuple[str, ...] = ("compliance", "damping", "slope")
     if deviation is None:
         return fit_blocks(both.blocks, (mode,), fields)
-    prior = Prior((("form", 1.0),), FORM_PRIOR[0], deviation)
+    prior = Prior((("form", 1.0),), FORM_MEAN, deviation)
     return fit_blocks(both.blocks, (mode,), (*fields, "form"), (prior,))
 
 
@@ -132,11 +132,11 @@ def test_a_parameter_that_its_prior_determines_does_not_count_as_one_of_the_data
 def test_the_form_is_uncertain_by_its_prior_as_far_as_no_data_determine_it(
     both: JointFit, inflation: float, expected: float
 ) -> None:
-    deviation = FORM_PRIOR[1] * float(np.sqrt(SAMPLES_PER_INDEPENDENT / inflation))
+    deviation = FORM_DEVIATION * float(np.sqrt(SAMPLES_PER_INDEPENDENT / inflation))
     found = with_form(both, deviation)
     covariance = shrinkage_covariance(found, LocalVariation(0.0, 1.0, prior_inflation=inflation))
     form = found.parameters.index(("form", None))
-    assert covariance[form, form] == pytest.approx(expected * FORM_PRIOR[1] ** 2, abs=1e-3)
+    assert covariance[form, form] == pytest.approx(expected * FORM_DEVIATION**2, abs=1e-3)
 
 
 def test_the_gradient_by_the_form_is_the_difference_quotient(both: JointFit) -> None:

@@ -32,7 +32,7 @@ MODE = AxialMode(1e-6, 1.0, 0.0, 0.03, 0.1, 0.5, 0.1, 300.0, 0.03)
 @pytest.mark.parametrize(("load", "uncertainty", "kind"), [(3.0, 5.0, "uncertain"), (10.0, 2.5, "unloaded")])
 def test_a_run_is_refused_for_what_exceeds_its_limit_most(load: float, uncertainty: float, kind: str) -> None:
     frequencies = SimpleNamespace(
-        nut_load=np.array([1.0, load]), uncertainty=np.array([0.1, uncertainty]), free=np.full(2, 100.0)
+        nut_load=np.array([1.0, load]), uncertainty=np.array([0.1, uncertainty]), rotor_free=np.full(2, 100.0)
     )
     assert _reason_of_worst_cell(cast(CellFrequencies, frequencies), JointSettings()).kind == kind
 
@@ -76,7 +76,7 @@ def test_a_run_is_suspect_if_motor_and_nut_differ_at_a_stop(
 ) -> None:
     compared = np.array([0.1, difference]), np.array([0.1, deviation])
     monkeypatch.setattr("ballscrew.modal.joint.verdicts.response_difference", lambda _: compared)
-    frequencies = SimpleNamespace(free=np.array([140.0, 150.0]), uncertainty=np.array([0.4, 0.4]))
+    frequencies = SimpleNamespace(rotor_free=np.array([140.0, 150.0]), uncertainty=np.array([0.4, 0.4]))
     reason = _responses_differ(cast(JointFit, None), cast(CellFrequencies, frequencies))
     assert (reason is not None) == suspect
     if reason is not None:
@@ -91,9 +91,11 @@ def test_one_response_is_compared_with_nothing(monkeypatch: pytest.MonkeyPatch) 
 
 def search_result(mode: AxialMode, unexplained: float) -> SearchResult:
     """A result whose fit leaves a part of the response, with a search band from 90 to 450 Hz."""
-    windows = SimpleNamespace(place=np.array([0.0]), band=SimpleNamespace(low=90.0, high=450.0))
+    windows = SimpleNamespace(centred_position=np.array([0.0]), band=SimpleNamespace(low=90.0, high=450.0))
     block = SimpleNamespace(windows=windows, name="torque-nut")
-    fit = SimpleNamespace(modes=(mode,), blocks=(block,), solved=(SimpleNamespace(unexplained=unexplained),))
+    fit = SimpleNamespace(
+        modes=(mode,), blocks=(block,), projections=(SimpleNamespace(unexplained=unexplained),)
+    )
     return cast(SearchResult, SimpleNamespace(fit=fit, unwhitened=fit, frame=None, trips=()))
 
 
@@ -161,5 +163,5 @@ def test_ripple_in_the_band_counts_as_much_as_the_response_of_the_mode_to_it(
 ) -> None:
     """The columns are those of the torque, of the ripple itself, and of the mode's response to it."""
     solved = SimpleNamespace(columns=np.eye(3), weights=np.array([[1.0], [direct], [by_mode]]))
-    fit = SimpleNamespace(solved=(solved,), blocks=(SimpleNamespace(ripple=np.empty((3, 1))),))
+    fit = SimpleNamespace(projections=(solved,), blocks=(SimpleNamespace(ripple=np.empty((3, 1))),))
     assert _moved_by_ripple(cast(JointFit, fit)) == moved

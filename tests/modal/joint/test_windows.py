@@ -16,13 +16,13 @@ def test_each_cell_is_one_window_of_all_trips(run: SmallRun) -> None:
     assert len(w.cells) == 12
     assert {len(pieces) for pieces in w.pieces} == {3}
     assert (w.in_motion <= w.from_rest).all()
-    assert len(w.force) == w.first[-1] == w.nut.shape[1]
+    assert len(w.force) == w.starts[-1] == w.nut.shape[1]
 
 
 def test_a_window_ends_after_the_last_sample_that_may_be_fitted(run: SmallRun) -> None:
     w = average_windows(run.trips, run.transients, 1.0, 80.0, 400.0)
     assert w is not None
-    left_out = w.lengths - np.diff(w.first)
+    left_out = w.lengths - np.diff(w.starts)
     arrivals = np.array([cell.condition.endswith("D") for cell in w.cells])
     assert (left_out[arrivals] > 100).all()
     assert not left_out[~arrivals].any()
@@ -104,7 +104,7 @@ def test_some_cells_are_those_of_all(run: SmallRun) -> None:
     some = select_cells(w, (3, 1))
     assert some.cells == (w.cells[3], w.cells[1])
     assert some.pieces == (w.pieces[3], w.pieces[1])
-    assert np.array_equal(some.force[: some.first[1]], w.force[slice(*w.spans[3])])
+    assert np.array_equal(some.force[: some.starts[1]], w.force[slice(*w.spans[3])])
 
 
 def test_a_window_beyond_the_end_of_a_trip_is_none(run: SmallRun) -> None:

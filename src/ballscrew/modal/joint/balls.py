@@ -1,9 +1,9 @@
 """Passing balls: a force at the nut whose order, in periods per turn, is not a whole number.
 
-Balls that enter and leave the loaded zone push the nut, with a phase that depends on the trip and the
-direction of motion. At full speed their force is a tone. With a frequency near that of the mode it excites
-the mode, at neighbouring stops alike, so that the scatter of the cells does not contain the error that it
-causes. It is fitted as the ripple is, with a cosine and a sine for each direction.
+Balls that enter and leave the loaded zone push the nut, with a phase that depends on the trip and on the
+direction of motion. At full speed their force is a tone. If its frequency is near the mode, it excites the
+mode, at neighbouring stops in the same way, so that the scatter of the cells does not contain the error that
+it causes. It is fitted like the ripple, with a cosine and a sine for each direction.
 """
 
 from __future__ import annotations
@@ -27,28 +27,42 @@ from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT
 from ballscrew.modal.joint.mode import AxialMode, damping_ratio, mode_frequency
 from ballscrew.modal.joint.windows import Windows
 
-# The force is significant if the power of the residual that it explains exceeds each of these, as for a whole
-# order in ballscrew.modal.joint.ripple, but with twice as many columns.
+# The force is significant if the power of the residual that it explains exceeds each of these. They have the
+# reasons of those in ballscrew.modal.joint.ripple, but the force has twice as many columns.
 _LEAST_POWER = 0.004  # over the power of the residual
 _CHANCE = 40.0  # over the mean power of an independent sample
 _OUTSTANDING = 12.0  # over the power that the median order explains
 
 _NEAR = (0.7, 1.25)  # range of the frequency at full speed, over the frequencies of the mode along the axis
-# Number of candidates within the resolution of orders, which is one over the turns along the axis.
-_STEP = 3.0
-_REFINED = np.linspace(-0.5, 0.5, 9)  # orders tried less that of the best candidate, over this resolution
-_EVERY = 3  # every third sample is used for the search: the band ends below half of the lower rate
-_RANK_TOLERANCE = 1e-6  # of the largest eigenvalue: smaller ones of the columns' products are rounding errors
+_STEP = 3.0  # number of orders tried within the resolution of orders, which is 1 / (turns along the axis)
+_REFINED = np.linspace(-0.5, 0.5, 9)  # orders tried around the best of the first ones, over the resolution
+# One of so many samples is used for the search. At 16 samples per period of the mode, the default, the band
+# ends below half of the resulting rate.
+_EVERY = 3
+_RANK_TOLERANCE = 1e-6  # over the largest eigenvalue of AᵀA of the columns A: smaller are rounding errors
 
 
 def ball_forces(w: Windows, lead: float, order: float | None) -> Array:
-    """Cosine and sine of an order for each direction of motion: ``balls`` of make_block.
+    """Cosine and sine of an order for each direction of motion.
 
-    Shape (n, 4), or (n, 2) if all windows have the same direction; (n, 0) without an order.
+    Parameters
+    ----------
+    w : Windows
+        Averaged windows.
+    lead : float
+        Travel per turn of the motor, m.
+    order : float or None
+        Periods per turn; None for no force.
+
+    Returns
+    -------
+    ndarray, shape (n, 4)
+        As ``balls`` of :func:`~ballscrew.modal.joint.blocks.make_block`; shape (n, 2) if all windows have the
+        same direction, and (n, 0) without an order.
     """
     if order is None:
-        return np.empty((len(w.place), 0))
-    angle = 2 * math.pi * order / lead * w.place
+        return np.empty((len(w.centred_position), 0))
+    angle = 2 * math.pi * order / lead * w.centred_position
     columns = []
     for sign in np.unique(w.direction):
         columns += [np.cos(angle) * (w.direction == sign), np.sin(angle) * (w.direction == sign)]
@@ -58,7 +72,7 @@ def ball_forces(w: Windows, lead: float, order: float | None) -> Array:
 def find_balls(
     name: str, w: Windows, mode: AxialMode, lead: float, ripple: Array, *, from_rest: bool = False
 ) -> float | None:
-    """Order of the balls' force, if it explains a significant part of the residual.
+    """Find the order of the balls' force, if it explains a significant part of the residual.
 
     Parameters
     ----------
@@ -67,27 +81,27 @@ def find_balls(
     lead : float
         Travel per turn of the motor, m.
     ripple : ndarray, shape (n, k)
-        Cosine and sine of the whole orders.
+        Cosine and sine of the whole orders that are fitted.
 
     Returns
     -------
     float or None
-        Periods per turn: found by a filter that is matched to the response of each cell at full speed, then
-        refined.
+        Periods per turn, found by a filter that is matched to the response of each cell at full speed, then
+        refined; None if no order is significant.
     """
-    turns = float(np.ptp(w.place)) / lead  # along the axis
+    turns = float(np.ptp(w.centred_position)) / lead  # along the axis
     b = make_block(name, w, from_rest=from_rest, ripple=ripple)
-    solved = project(b, mode)
-    orders, scores = _matched_scores(w, mode, lead, turns, solved.residual)
+    projection = project(b, mode)
+    orders, scores = _matched_scores(w, mode, lead, turns, projection.residual)
     if not len(orders):
         return None
     best = int(np.argmax(scores))
     if scores[best] < _OUTSTANDING * float(np.median(scores)):
         return None
     near = np.round(orders[best] + _REFINED / turns, 4).tolist()
-    gains = [_explained(b, mode, solved, ball_forces(w, lead, order)) for order in near]
+    gains = [_explained(b, mode, projection, ball_forces(w, lead, order)) for order in near]
     independent = max(int(b.counted.sum()), 1) / SAMPLES_PER_INDEPENDENT
-    least = max(_LEAST_POWER, _CHANCE / independent) * float(np.sum(solved.residual**2))
+    least = max(_LEAST_POWER, _CHANCE / independent) * float(np.sum(projection.residual**2))
     if max(gains) < least:
         return None
     return float(near[int(np.argmax(gains))])
@@ -96,10 +110,12 @@ def find_balls(
 def _matched_scores(
     w: Windows, mode: AxialMode, lead: float, turns: float, residual: Array
 ) -> tuple[Array, Array]:
-    """Orders between whole ones, and the power of the residual that each would explain, at full speed.
+    """Orders between whole ones, and approximately the power of the residual that each explains.
 
-    At full speed the force is a tone; its response in a cell has the gain and the phase of a resonance there.
-    Orders within a resolution of a whole one are excluded. Both results have the shape (orders,).
+    At full speed the force is a tone, and the response to it in a cell has the gain and the phase of the
+    resonance there; the tone is assumed over the whole window. Orders nearer to a whole one than the
+    resolution are excluded. ``turns`` is the number of turns along the axis. Both results have the shape
+    (orders,).
     """
     speeds = np.array([np.abs(w.speed[start:stop]).max() for start, stop in w.spans]) / lead  # turns/s
     frequencies = mode_frequency(mode, w.stops)
@@ -116,19 +132,19 @@ def _matched_scores(
             rows = slice(*w.spans[cell], _EVERY)
             ratio = orders * speeds[cell] / frequencies[cell]
             gain = 1 / (1 - ratio**2 + 2j * sign * damping[cell] * ratio)
-            periods = np.outer(orders, w.place[rows] / lead)
-            # The cosine of a single-precision angle takes a third of the time.
+            periods = np.outer(orders, w.centred_position[rows] / lead)
+            # The cosine of an angle in single precision takes a third of the time.
             angle = (2 * math.pi * (periods - np.round(periods))).astype(np.float32)
             wave = np.cos(angle) @ residual[rows] - 1j * (np.sin(angle) @ residual[rows])
             total += gain.conj()[:, None] * wave
-            power += np.abs(gain) ** 2 * len(w.place[rows])
+            power += np.abs(gain) ** 2 * len(w.centred_position[rows])
         scores += np.sum(np.abs(total) ** 2, axis=1) / power
     return orders, scores
 
 
-def _explained(block: Block, mode: AxialMode, solved: Projection, forces: Array) -> float:
-    """Power of the residual of ``solved``, of this block and mode, that forces explain."""
+def _explained(block: Block, mode: AxialMode, projection: Projection, forces: Array) -> float:
+    """Power of the residual of a projection, of this block and mode, that forces, shape (n, k), explain."""
     b = replace(make_block(block.name, block.windows, ripple=forces), counted=block.counted)
-    columns = whiten(b, ripple_columns(b, mode), solved.free)
-    to_basis = orthonormaliser(solved.products(columns, columns.shape[1]), _RANK_TOLERANCE)
-    return float(np.sum((to_basis.T @ (columns.T @ solved.residual)) ** 2))
+    columns = whiten(b, ripple_columns(b, mode), projection.free_vibration)
+    to_basis = orthonormaliser(projection.products(columns, columns.shape[1]), _RANK_TOLERANCE)
+    return float(np.sum((to_basis.T @ (columns.T @ projection.residual)) ** 2))

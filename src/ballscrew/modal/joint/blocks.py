@@ -1,8 +1,8 @@
-"""Linear part of the model: each response as a sum of a few columns that the mode determines.
+"""Linear part of the model: each response is a weighted sum of a few signals, the columns.
 
-A block is one drive with its responses. For a given mode the columns are known signals, and their weights
-(gains, delays, amplitudes of the ripple) follow from linear least squares. The fit of the mode then minimises
-the residual of this projection (variable projection, Golub and Pereyra, 1973).
+A block is one drive with its responses. For a given mode the columns are known, and their weights (gains,
+delays, amplitudes of the ripple) follow from linear least squares. The fit of the mode then minimises the
+residual of this projection (variable projection, Golub and Pereyra, 1973, doi:10.1137/0710036).
 """
 
 from __future__ import annotations
@@ -15,44 +15,54 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.columns import BELOW_NYQUIST, differences, fill_columns, pitching_response
+from ballscrew.modal.joint.columns import (
+    BELOW_NYQUIST,
+    MOTOR_MODE_COLUMNS,
+    NUT_MODE_COLUMNS,
+    differences,
+    fill_columns,
+    pitching_response,
+)
 from ballscrew.modal.joint.mode import AxialMode, coupled_poles, local_compliance, mode_frequency
-from ballscrew.modal.joint.simulation import SOFTENING, pass_band, simulate_mode
+from ballscrew.modal.joint.simulation import SOFTENING, pass_band, simulate_mode, simulation_parameters
 from ballscrew.modal.joint.whitening import free_responses, whiten_windows, whitening_filter
 from ballscrew.modal.joint.windows import Windows
 
 ROTOR_FREE, ROTOR_HELD = 0, 1
 """Indices of the two modes: rotor free, and rotor held."""
-_RANK_TOLERANCE = 1e-4  # of the columns' largest singular value: smaller ones do not count in the rank
-_ROUNDING = 1e-13  # of a power: smaller differences of two powers are rounding errors
+
+# Over the largest singular value of the columns scaled to length 1: smaller ones are not counted in the rank.
+_RANK_TOLERANCE = 1e-4
+_ROUNDING = 1e-13  # over a power: smaller differences of two powers are rounding errors
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """One drive with the responses that are explained by it.
+    """One drive with the responses that are explained by it; in this package a variable ``b`` is a block.
 
     Parameters
     ----------
     name : str
-        Drive and response: ``"torque-nut"``, ``"motor-nut"`` or ``"torque-motor"``.
+        Drive and response: ``"torque-nut"``, ``"motor-nut"`` or ``"torque-motor"``. The drive ``motor`` is
+        the motor's measured motion.
     windows : Windows
-        The data.
+        The signals of all cells.
     counted : ndarray of bool, shape (n,)
         Samples of the windows that enter the fit.
-    filter : ndarray, shape (taps,)
-        Taps of the filter that whitens the residual; ``[1]`` for none.
-    known : ndarray, shape (n, columns)
-        Columns that do not depend on the mode.
+    taps : ndarray, shape (taps,)
+        Coefficients of the filter that whitens the residual; ``[1]`` for none.
+    fixed_columns : ndarray, shape (n, columns)
+        Columns that do not depend on the mode, in the band, m/s² or per sample; see :func:`make_block`.
     ripple : ndarray, shape (n, k)
-        Cosines and sines of the forces of passing balls and of those that repeat with every turn, as
-        accelerations with an amplitude of 1 m/s²; their true amplitudes are fitted.
+        Cosines and sines of forces that repeat along the screw, first those of passing balls, then those of
+        whole orders, as accelerations with an amplitude of 1 m/s²; their true amplitudes are fitted.
     """
 
     name: str
     windows: Windows
     counted: NDArray[np.bool_]
-    filter: Array
-    known: Array
+    taps: Array
+    fixed_columns: Array
     ripple: Array
 
     @property
@@ -62,7 +72,7 @@ class Block:
 
     @property
     def drive(self) -> Array:
-        """Drive of the simulated mode, m/s²."""
+        """Drive of the simulated mode, m/s², shape (n,): the motor's motion, or force over total inertia."""
         return self.windows.motor if self.mode_index == ROTOR_HELD else self.windows.force
 
     @property
@@ -74,12 +84,15 @@ class Block:
 
     @property
     def rows(self) -> list[slice]:
-        """Rows of each window in a flattened residual of all responses."""
+        """Elements of each window in a residual of shape (n, responses) that was flattened."""
         width = self.target.shape[1]
         return [slice(start * width, stop * width) for start, stop in self.windows.spans]
 
     def mean_square(self, residual: Array) -> float:
-        """Mean square of a residual, shape (n, ...), over the windows before their ends were cut off."""
+        """Mean square of a residual, shape (n, ...), for :attr:`Windows.lengths`.
+
+        The ends of the windows that were cut off count as 0.
+        """
         return float(np.mean(residual**2)) * len(residual) / int(self.windows.lengths.sum())
 
 
@@ -87,7 +100,8 @@ class Block:
 class Projection:
     """Solution of the linear part of a block.
 
-    From whitened signals, the free vibration of each window is removed too.
+    A *whitened* signal is filtered by :attr:`Block.taps`, is 0 at samples that are not counted, and does not
+    contain the free vibration with which its window may begin. Its unit is m/s².
 
     Parameters
     ----------
@@ -102,9 +116,9 @@ class Projection:
     weights : ndarray, shape (columns, responses)
         Weights of the columns in each response.
     model : ndarray, shape (n, responses)
-        ``raw`` times ``weights``, m/s².
-    free : ndarray, shape (n, 2 * modes)
-        Free vibration with which each window may begin, whitened and orthonormal.
+        Product of ``raw`` and ``weights``, m/s².
+    free_vibration : ndarray, shape (n, 2 * modes)
+        Free vibration with which each window may begin, filtered and orthonormal in each window.
     target : ndarray, shape (n, responses)
         Whitened responses.
     """
@@ -115,7 +129,7 @@ class Projection:
     raw: Array
     weights: Array
     model: Array
-    free: Array
+    free_vibration: Array
     target: Array
 
     @property
@@ -133,15 +147,26 @@ class Projection:
         return values - self.columns @ (self.to_basis @ self._along_columns(values))
 
     def products(self, values: Array, count: int) -> Array:
-        """AᵀA, shape (count, count), of whitened signals less their projection on the columns.
+        """AᵀA, where A are whitened signals less their projection on the columns.
 
-        ``values`` are the signals, shape (n, responses * count); A, in the same order, has the shape
-        (n * responses, count). Takes less time than the product of :meth:`without_columns` with itself.
+        In less time than by :meth:`without_columns`.
+
+        Parameters
+        ----------
+        values : ndarray, shape (n, responses * count)
+            Whitened signals; ``count`` of them for each response.
+        count : int
+            Number of columns of A, whose rows are those of all responses.
+
+        Returns
+        -------
+        ndarray, shape (count, count)
+            With a small addition to the diagonal, so that rounding errors make no power negative.
         """
         along = self._along_columns(values).reshape(-1, count)
         values = values.reshape(-1, count)
         whole = values.T @ values
-        rounding = _ROUNDING * np.diag(np.diag(whole))  # so that rounding makes no power negative
+        rounding = _ROUNDING * np.diag(np.diag(whole))
         return whole - along.T @ along + rounding
 
     def _along_columns(self, values: Array) -> Array:
@@ -157,12 +182,12 @@ class Simulation:
     ----------
     response : ndarray, shape (n,)
         Acceleration of the table in the band, m/s².
-    to_ripple : ndarray, shape (n, k)
-        The same under each force of the ripple.
+    ripple_response : ndarray, shape (n, k)
+        The same by each force of :attr:`Block.ripple`, m/s².
     """
 
     response: Array
-    to_ripple: Array
+    ripple_response: Array
 
 
 def make_block(
@@ -173,25 +198,26 @@ def make_block(
     ripple: Array | None = None,
     balls: Array | None = None,
 ) -> Block:
-    """A block without whitening.
+    """Make a block without whitening.
 
-    Columns that do not depend on the mode: for the motor's acceleration the force and its derivative, since
-    the motor is accelerated by the torque less the spring's force; the second derivative of the force, for
-    the modes above the band; and the ripple itself. Each force of the ripple has a second column, the
-    response of the mode to it: the weights of the two show whether it acts at the motor or at the nut.
+    Its fixed columns, in this order: for the motor's response the force and its derivative, since the torque
+    accelerates the motor against the force of the spring; for a block that the torque drives the second
+    derivative of the force, which stands for the modes above the band; and the ripple itself. Each force of
+    the ripple also has a column that depends on the mode, the response of the mode to it. The weights of the
+    two depend on where the force acts, at the motor or at the nut.
 
     Parameters
     ----------
     name : str
-        As of :class:`Block`.
+        As for :class:`Block`.
     w : Windows
-        The data.
+        The signals of all cells.
     from_rest : bool
         Whether departures are fitted from standstill on. If not, they are fitted from the start of sliding,
         and not at all where the table departs against the direction of its arrival, since the guide then
         sticks longer.
     ripple : ndarray, shape (n, k), optional
-        Forces at the motor, see :class:`Block`. A block driven by the motor's motion has none: that motion
+        Forces at the motor, see :class:`Block`. A block that the motor's motion drives has none: that motion
         contains their effect.
     balls : ndarray, shape (n, k), optional
         Forces between screw and nut, whose effect the motor's motion does not contain.
@@ -199,7 +225,7 @@ def make_block(
     Returns
     -------
     Block
-        With the filter ``[1]``.
+        With the taps ``[1]``.
     """
     counted = w.from_rest.copy()
     if not from_rest:
@@ -207,7 +233,7 @@ def make_block(
         for (start, stop), reversing in zip(w.spans, w.reversing, strict=True):
             if reversing:
                 counted[start:stop] = False
-    no_forces = np.empty((len(w.place), 0))
+    no_forces = np.empty((len(w.centred_position), 0))
     if balls is None:
         balls = no_forces
     if ripple is None:
@@ -215,38 +241,36 @@ def make_block(
     if name == "motor-nut":
         return Block(name, w, counted, np.ones(1), _in_band(w, balls), balls)
     ripple = np.column_stack([balls, ripple])
-    force_rate = differences(w.force_band, w.first)
-    known = [differences(force_rate, w.first)]
+    force_rate = differences(w.force_band, w.starts)
+    columns = [differences(force_rate, w.starts)]
     if name == "torque-motor":
-        known = [w.force_band, force_rate, *known]
-    return Block(name, w, counted, np.ones(1), np.column_stack([*known, _in_band(w, ripple)]), ripple)
+        columns = [w.force_band, force_rate, *columns]
+    fixed_columns = np.column_stack([*columns, _in_band(w, ripple)])
+    return Block(name, w, counted, np.ones(1), fixed_columns, ripple)
 
 
 def simulate(b: Block, mode: AxialMode) -> Simulation:
     """Simulate the response of the axial mode to the drive of a block, without the pitching mode."""
     w = b.windows
-    response, to_ripple = np.empty(len(w.place)), np.empty(b.ripple.shape)
-    profile, nut = (mode.compliance, mode.slope, mode.whole_curve), (mode.mass_over_preload, mode.nut_share)
-    frame = (mode.frame_coupling, 2 * math.pi * mode.frame, mode.frame_damping)
-    parameters = np.array([*profile, mode.damping, *nut, mode.power, *frame])
-    longest_first = np.argsort(w.first[:-1] - w.first[1:])
+    response, ripple_response = np.empty(len(w.centred_position)), np.empty(b.ripple.shape)
+    longest_first = np.argsort(w.starts[:-1] - w.starts[1:])  # by minus the length
     simulate_mode(
         b.drive,
-        w.place,
-        local_compliance(mode, w.place),
+        w.centred_position,
+        local_compliance(mode, w.centred_position),
         mode.friction * w.direction + mode.weight,
         b.ripple,
-        w.first,
+        w.starts,
         longest_first,
-        parameters,
+        simulation_parameters(mode),
         SOFTENING,
         w.band.numerator,
         w.band.denominator,
         1 / w.rate,
         response,
-        to_ripple,
+        ripple_response,
     )
-    return Simulation(response, to_ripple)
+    return Simulation(response, ripple_response)
 
 
 def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None) -> Array:
@@ -254,16 +278,21 @@ def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None)
 
     In this order: the table's acceleration; its derivative, for a delay between the channels; for the
     accelerometers at the nut its second derivative, since their gain rises towards the next mode, and the
-    response of the pitching mode with its derivative; :attr:`Block.known`; the response of the mode to each
-    force of :attr:`Block.ripple`.
+    response of the pitching mode with its derivative; :attr:`Block.fixed_columns`; the response of the mode
+    to each force of :attr:`Block.ripple`.
     """
     if simulation is None:
         simulation = simulate(b, mode)
     w = b.windows
     pitching = pitching_of(b, mode, simulation)
-    of_mode = 5 if len(pitching) else 2
-    columns = np.empty((len(w.place), of_mode + b.known.shape[1] + b.ripple.shape[1]))
-    fill_columns(simulation.response, pitching, b.known, simulation.to_ripple, w.first, columns)
+    mode_columns = MOTOR_MODE_COLUMNS
+    if len(pitching):
+        mode_columns = NUT_MODE_COLUMNS
+    count = mode_columns + b.fixed_columns.shape[1] + b.ripple.shape[1]
+    columns = np.empty((len(w.centred_position), count))
+    fill_columns(
+        simulation.response, pitching, b.fixed_columns, simulation.ripple_response, w.starts, columns
+    )
     return columns
 
 
@@ -271,9 +300,9 @@ def pitching_of(b: Block, mode: AxialMode, simulation: Simulation) -> Array:
     """Response of the pitching mode, m/s², shape (n,); shape (0,) for the motor, which does not pitch."""
     if b.name == "torque-motor":
         return np.empty(0)
-    w, out = b.windows, np.empty(len(b.windows.place))
+    w, out = b.windows, np.empty(len(b.windows.centred_position))
     angular = _pitch_angular(mode, w)
-    pitching_response(simulation.response, w.first, angular, mode.pitch_damping, 1 / w.rate, out)
+    pitching_response(simulation.response, w.starts, angular, mode.pitch_damping, 1 / w.rate, out)
     return out
 
 
@@ -282,8 +311,8 @@ def ripple_columns(b: Block, mode: AxialMode) -> Array:
 
     Shape (n, 2 * k) for k forces.
     """
-    first = b.known.shape[1] - b.ripple.shape[1]  # the ripple in the band is the last part of ``known``
-    return np.hstack([b.known[:, first:], simulate(b, mode).to_ripple])
+    first = b.fixed_columns.shape[1] - b.ripple.shape[1]  # the ripple in the band is the last part of them
+    return np.hstack([b.fixed_columns[:, first:], simulate(b, mode).ripple_response])
 
 
 def raw_columns_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[Array]:
@@ -307,21 +336,21 @@ def raw_columns_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[
 
 def simulations_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[Simulation]:
     """Simulation of each block; those with the same drive and mode share it."""
-    found: dict[tuple[int, AxialMode], Simulation] = {}
+    simulations: dict[tuple[int, AxialMode], Simulation] = {}  # the index of the mode determines the drive
     out = []
     for b, mode in zip(blocks, modes, strict=True):
-        drive = (b.mode_index, mode)
-        if drive not in found:
-            found[drive] = simulate(b, mode)
-        out.append(found[drive])
+        key = (b.mode_index, mode)
+        if key not in simulations:
+            simulations[key] = simulate(b, mode)
+        out.append(simulations[key])
     return out
 
 
 def _in_band(w: Windows, forces: Array) -> Array:
-    """Forces after the filter of the band, each window from rest; shape of ``forces``."""
-    filtered = np.array(forces, order="C")  # always this layout: pass_band is compiled once for each
+    """Forces, shape (n, k), after the filter of the band, which begins each window at rest."""
+    filtered = np.array(forces, order="C")  # always this layout: pass_band is compiled anew for another
     if filtered.size:
-        pass_band(w.first, w.band.numerator, w.band.denominator, filtered)
+        pass_band(w.starts, w.band.numerator, w.band.denominator, filtered)
     return filtered
 
 
@@ -331,43 +360,45 @@ def _pitch_angular(mode: AxialMode, w: Windows) -> float:
 
 
 def _free_responses(b: Block, mode: AxialMode) -> Array:
-    """Free vibration of each window from its first counted sample on, whitened and orthonormal.
+    """Free vibration of each window from its first counted sample on, filtered and orthonormal.
 
-    Shape (n, 2 * modes). The modes are the axial mode, that of the frame where it moves, and at the nut the
-    pitching mode: the table may already pitch when a window begins.
+    Shape (n, 2 * modes). The modes are the axial mode, that of a frame that moves, and in responses of the
+    nut the pitching mode: the table may already pitch when a window begins.
     """
     w = b.windows
     begin = np.array([start + int(np.argmax(b.counted[start:stop])) for start, stop in w.spans])
-    omega, zeta = coupled_poles(mode, mode_frequency(mode, w.place[begin]))
+    omega, zeta = coupled_poles(mode, mode_frequency(mode, w.centred_position[begin]))
     if b.name != "torque-motor":
         omega = np.column_stack([omega, np.full(len(begin), _pitch_angular(mode, w))])
         zeta = np.column_stack([zeta, np.full(len(begin), mode.pitch_damping)])
-    out = np.empty((len(w.place), 2 * omega.shape[1]))
-    free_responses(w.first, begin, omega, zeta, 1 / w.rate, b.filter, b.counted, out)
+    out = np.empty((len(w.centred_position), 2 * omega.shape[1]))
+    free_responses(w.starts, begin, omega, zeta, 1 / w.rate, b.taps, b.counted, out)
     return out
 
 
-def whiten(b: Block, values: Array, free: Array) -> Array:
+def whiten(b: Block, values: Array, free_vibration: Array) -> Array:
     """Whiten signals, shape (n, k), and remove the free vibration of each window.
 
-    ``free`` is that vibration, as of :class:`Projection`. Samples that are not counted are 0 in the result.
+    ``free_vibration`` is that of :class:`Projection`. Samples that are not counted are 0 in the result.
     """
     out = np.empty(values.shape)
-    whiten_windows(np.ascontiguousarray(values), b.windows.first, b.filter, b.counted, free, out)
+    whiten_windows(np.ascontiguousarray(values), b.windows.starts, b.taps, b.counted, free_vibration, out)
     return out
 
 
-def project(b: Block, mode: AxialMode, free: Array | None = None, raw: Array | None = None) -> Projection:
+def project(
+    b: Block, mode: AxialMode, free_vibration: Array | None = None, raw: Array | None = None
+) -> Projection:
     """Solve the linear part of a block.
 
     Parameters
     ----------
     b : Block
-        Data.
+        Drive and responses.
     mode : AxialMode
         The mode.
-    free : ndarray, shape (n, 2 * modes), optional
-        Free vibration of the windows; by default that of ``mode``.
+    free_vibration : ndarray, shape (n, 2 * modes), optional
+        Free vibration of the windows, see :class:`Projection`; by default that of ``mode``.
     raw : ndarray, shape (n, columns), optional
         Columns of ``mode``; by default :func:`raw_columns` computes them.
 
@@ -376,17 +407,17 @@ def project(b: Block, mode: AxialMode, free: Array | None = None, raw: Array | N
     Projection
         With the weights of least squares.
     """
-    if free is None:
-        free = _free_responses(b, mode)
-    target = whiten(b, b.target, free)
+    if free_vibration is None:
+        free_vibration = _free_responses(b, mode)
+    target = whiten(b, b.target, free_vibration)
     if raw is None:
         raw = raw_columns(b, mode)
-    columns = whiten(b, raw, free)
+    columns = whiten(b, raw, free_vibration)
     # An eigenvalue of the products is the square of a singular value of the columns.
     to_basis = orthonormaliser(columns.T @ columns, _RANK_TOLERANCE**2)
     weights = to_basis @ (to_basis.T @ (columns.T @ target))
     residual = target - columns @ weights
-    return Projection(residual, columns, to_basis, raw, weights, raw @ weights, free, target)
+    return Projection(residual, columns, to_basis, raw, weights, raw @ weights, free_vibration, target)
 
 
 def remaining_power(b: Block, raw: Array, reference: Projection) -> float:
@@ -395,25 +426,25 @@ def remaining_power(b: Block, raw: Array, reference: Projection) -> float:
     Parameters
     ----------
     b : Block
-        Data.
+        Drive and responses.
     raw : ndarray, shape (n, columns)
         Columns of the mode; see :func:`raw_columns`.
     reference : Projection
-        Of the same block: its free vibration and its target are used.
+        Projection of the same block with any mode: its free vibration and its target are used.
 
     Returns
     -------
     float
         Computed as a difference of two powers, hence with a rounding error; never 0 unless the target is.
     """
-    columns = whiten(b, raw, reference.free)
+    columns = whiten(b, raw, reference.free_vibration)
     to_basis = orthonormaliser(columns.T @ columns, _RANK_TOLERANCE**2)
     in_basis = to_basis.T @ (columns.T @ reference.target)
     return max(reference.total - float(np.sum(in_basis**2)), _ROUNDING * reference.total)
 
 
 def orthonormaliser(products: Array, tolerance: float) -> Array:
-    """Matrix T, shape (columns, rank), such that the columns of A T are orthonormal.
+    """Matrix T such that the columns of A T are orthonormal.
 
     Parameters
     ----------
@@ -421,33 +452,37 @@ def orthonormaliser(products: Array, tolerance: float) -> Array:
         AᵀA.
     tolerance : float
         For columns scaled to length 1: directions whose eigenvalue of AᵀA is not above this part of the
-        largest one are excluded.
+        largest eigenvalue are excluded.
+
+    Returns
+    -------
+    ndarray, shape (columns, rank)
+        The matrix T.
     """
     length = np.sqrt(np.maximum(np.diag(products), 0.0))
     length[length == 0] = 1.0  # a column of zeros
     values, vectors = np.linalg.eigh(products / np.outer(length, length))
-    good = values > tolerance * values[-1]
-    return np.asarray(vectors[:, good] / np.sqrt(values[good]) / length[:, None])
+    counted = values > tolerance * values[-1]
+    return np.asarray(vectors[:, counted] / np.sqrt(values[counted]) / length[:, None])
 
 
 def with_whitening(b: Block, residual: Array, floor: float) -> Block:
-    """The block with a filter that whitens its residual above a floor of white noise.
+    """A block with the filter that whitens its residual plus white noise.
 
     Parameters
     ----------
     b : Block
-        Without a filter.
+        Block without a filter.
     residual : ndarray, shape (n, responses)
-        Residual of the block without a filter.
+        Its residual, m/s².
     floor : float
-        Power of white noise that is added to the residual before the filter is computed, over that of the
-        residual. Without it, frequencies with little noise, where errors of the model dominate, would have
-        most weight.
+        Power of the white noise, over that of the residual. Without it, frequencies with little noise, where
+        errors of the model dominate, would have most weight.
 
     Returns
     -------
     Block
-        With the filter of an autoregressive model.
+        The same with other taps, see :func:`~ballscrew.modal.joint.whitening.whitening_filter`.
     """
     taps = whitening_filter([residual[start:stop] for start, stop in b.windows.spans], floor)
-    return replace(b, filter=taps)
+    return replace(b, taps=taps)

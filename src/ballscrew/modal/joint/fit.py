@@ -14,6 +14,7 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import (
+    ROTOR_FREE,
     Block,
     Projection,
     project,
@@ -32,7 +33,7 @@ from ballscrew.modal.joint.parameters import (
 )
 
 CLEAR_REDUCTION = math.log(0.8)
-"""Change of :func:`log_residual` by which another fit is clearly better.
+"""Difference of :func:`log_residual` (negative) from which on another fit is clearly better.
 
 The product of the rms residuals of all blocks is then 20 % lower."""
 
@@ -41,9 +42,13 @@ SAMPLES_PER_INDEPENDENT = 5.0
 
 Neighbouring samples are correlated, since the residual is limited to a band."""
 
-# Levenberg-Marquardt: damping at the start, at least, and at least after a step that failed.
-_FIRST_DAMPING, _LEAST_DAMPING, _LEAST_RAISED = 1e-3, 1e-8, 1e-4
-_DAMPING_FACTOR = 8  # by which a step that succeeds lowers the damping, and one that fails raises it
+# Damping of the Levenberg-Marquardt iteration, over the diagonal of the Hessian: usual values, which affect
+# how fast the iteration converges.
+_FIRST_DAMPING = 1e-3  # of the first step
+_LEAST_DAMPING = 1e-8
+_LEAST_RAISED = 1e-4  # least damping after a step that failed
+_DAMPING_FACTOR = 8  # by which a step that succeeds lowers the damping, and a step that fails raises it
+_LEAST_DIAGONAL = 1e-12  # added to the diagonal: a parameter without effect has a diagonal element of 0
 _TRIALS = 7  # largest number of trials of a step, with increasing damping
 _LONGEST_STEP = 0.4  # largest change of a parameter in a step, in its unit (1 for a logarithm)
 _LEAST_RMS = 1e-100  # m/s², of a residual: keeps a weight, one over the rms, and its square finite
@@ -51,12 +56,12 @@ _LEAST_RMS = 1e-100  # m/s², of a residual: keeps a weight, one over the rms, a
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Prior distribution of a weighted sum of parameters that have the same value in both modes.
+    """Normal prior distribution of a weighted sum of parameters that have the same value in both modes.
 
     Parameters
     ----------
     fields : tuple of (field, weight)
-        Terms of the sum; for a logarithmic field, the logarithm.
+        Terms of the sum; a logarithmic field enters it by its logarithm.
     value, deviation : float
         Expected value and standard deviation of the sum.
     """
@@ -77,8 +82,8 @@ class JointFit:
     modes : tuple of AxialMode
         One per block.
     blocks : tuple of Block
-        The data that were fitted.
-    solved : tuple of Projection
+        The blocks that were fitted.
+    projections : tuple of Projection
         The linear part of each block.
     parameters : tuple of (field, mode index or None)
         The fitted parameters.
@@ -87,12 +92,13 @@ class JointFit:
     residual : tuple of ndarray, shape (n * responses,)
         Whitened residual of each block times its weight.
     hessian : ndarray, shape (parameters, parameters)
-        Of half the cost, in the Gauss-Newton approximation, with the priors.
+        Hessian of half the cost, in the Gauss-Newton approximation, with the priors. The cost is the sum of
+        the squares of ``residual`` and of the deviations from the priors in standard deviations.
     """
 
     modes: Modes
     blocks: tuple[Block, ...]
-    solved: tuple[Projection, ...]
+    projections: tuple[Projection, ...]
     parameters: tuple[Parameter, ...]
     jacobian: tuple[Array, ...]
     residual: tuple[Array, ...]
@@ -101,7 +107,7 @@ class JointFit:
     @property
     def log_residual(self) -> float:
         """Result of :func:`log_residual`."""
-        return log_residual(self.solved)
+        return log_residual(self.projections)
 
 
 def fit_blocks(
@@ -117,9 +123,9 @@ def fit_blocks(
     Parameters
     ----------
     blocks : sequence of Block
-        Data.
+        Drives and responses.
     modes : sequence of AxialMode
-        Initial modes, by the index ROTOR_FREE or ROTOR_HELD.
+        Initial modes. That of a block is the element ROTOR_FREE (0) or ROTOR_HELD (1).
     fields : sequence of str
         Fields of AxialMode to fit. Those of MODE_FIELDS have a value for each mode, the others the same value
         for both.
@@ -128,16 +134,16 @@ def fit_blocks(
     most_steps : int
         Upper limit of the iterations.
     least_gain : float
-        The iteration ends when a step lowers the cost by less than this part.
+        The iteration ends when a step lowers the cost by less than this fraction.
 
     Returns
     -------
     JointFit
-        At the end of the iteration.
+        Its state at the end of the iteration.
     """
     problem = _Problem.of(blocks, fields, priors)
-    final = problem.minimised(modes, most_steps, least_gain)
-    return problem.linearised(final)
+    final = problem.minimise(modes, most_steps, least_gain)
+    return problem.linearise(final)
 
 
 def fit_modes(
@@ -148,7 +154,7 @@ def fit_modes(
     most_steps: int = 12,
     least_gain: float = 2e-5,
 ) -> tuple[Modes, float]:
-    """Fit all blocks together, without the Jacobian at the end, which takes time.
+    """Fit all blocks together, but omit the Jacobian at the end, which takes time.
 
     Parameters
     ----------
@@ -162,25 +168,34 @@ def fit_modes(
     log_residual : float
         Result of :func:`log_residual`.
     """
-    final = _Problem.of(blocks, fields, priors).minimised(modes, most_steps, least_gain)
-    return final.modes, log_residual(final.solved)
+    final = _Problem.of(blocks, fields, priors).minimise(modes, most_steps, least_gain)
+    return final.modes, log_residual(final.projections)
 
 
-def log_residual(solved: Sequence[Projection]) -> float:
-    """Logarithm of the rms of the whitened residual over that of the responses, summed over all blocks."""
-    return sum(math.log(max(projection.unexplained, 1e-300)) / 2 for projection in solved)
+def log_residual(projections: Sequence[Projection]) -> float:
+    """Sum over all blocks: logarithm of the rms of the whitened residual over that of the responses."""
+    return sum(math.log(max(projection.unexplained, 1e-300)) / 2 for projection in projections)
 
 
 @dataclass(frozen=True, slots=True)
 class _State:
-    """A point of the iteration: modes and solved linear parts of all blocks, values of the parameters.
+    """State of the iteration.
 
-    ``steps`` is the number of steps so far.
+    Parameters
+    ----------
+    modes : tuple of AxialMode
+        One per block.
+    values : ndarray, shape (parameters,)
+        Values of the parameters in them.
+    projections : tuple of Projection
+        The linear part of each block.
+    steps : int
+        Number of steps so far.
     """
 
     modes: Modes
     values: Array
-    solved: tuple[Projection, ...]
+    projections: tuple[Projection, ...]
     steps: int
 
 
@@ -188,8 +203,15 @@ class _State:
 class _Problem:
     """Blocks, parameters and priors of a fit.
 
-    A prior is a row of ``prior_rows @ values = prior_values``, in units of its standard deviation: see
-    :meth:`of`.
+    Parameters
+    ----------
+    blocks : tuple of Block
+        Drives and responses.
+    parameters : tuple of (field, mode index or None)
+        The fitted parameters.
+    prior_rows, prior_values : ndarray, shape (priors, parameters) and (priors,)
+        A row of ``prior_rows @ values - prior_values`` is the deviation from a prior, in its standard
+        deviations times the root of SAMPLES_PER_INDEPENDENT, see :meth:`of`.
     """
 
     blocks: tuple[Block, ...]
@@ -199,10 +221,10 @@ class _Problem:
 
     @classmethod
     def of(cls, blocks: Sequence[Block], fields: Sequence[str], priors: Sequence[Prior]) -> _Problem:
-        """The problem of :func:`fit_blocks`.
+        """Problem with the parameters of :func:`fit_blocks`.
 
-        In the cost every sample counts as if it were independent, so its information is too large by the
-        factor SAMPLES_PER_INDEPENDENT; the priors are multiplied by the same factor.
+        In the cost every sample counts as if it were independent, so the information of the data is too large
+        by the factor SAMPLES_PER_INDEPENDENT. The information of the priors is multiplied by the same factor.
         """
         parameters: list[Parameter] = [(f, None) for f in fields if f not in MODE_FIELDS]
         for index in sorted({b.mode_index for b in blocks}):
@@ -218,15 +240,20 @@ class _Problem:
         return cls(tuple(blocks), tuple(parameters), rows, values)
 
     def read(self, modes: Modes) -> Array:
-        """Values of the parameters in modes by their index, shape (parameters,)."""
-        return np.array([read_parameter(modes[index or 0], field) for field, index in self.parameters])
+        """Values of the parameters, shape (parameters,), in modes by their index."""
+        values = np.empty(len(self.parameters))
+        for k, (field, index) in enumerate(self.parameters):
+            if index is None:
+                index = ROTOR_FREE  # both modes have the same value
+            values[k] = read_parameter(modes[index], field)
+        return values
 
-    def minimised(self, modes: Sequence[AxialMode], most_steps: int, least_gain: float) -> _State:
-        """The state at the end of the iteration that begins with these modes, given by their index."""
+    def minimise(self, modes: Sequence[AxialMode], most_steps: int, least_gain: float) -> _State:
+        """Minimise the cost, from initial modes by their index; the state at the end of the iteration."""
         of_blocks = tuple(modes[b.mode_index] for b in self.blocks)
         values = np.clip(self.read(of_blocks), *limits_of(self.parameters))
         first = modes_with(of_blocks, self.blocks, self.parameters, values)
-        state = self._solved(first, values, raw_columns_of(self.blocks, first), 0)
+        state = self._solve(first, values, raw_columns_of(self.blocks, first), 0)
         damping = _FIRST_DAMPING
         while state.steps < most_steps:
             step = self._damped_step(state, damping)
@@ -234,60 +261,75 @@ class _Problem:
                 break
             values, raw, damping, gain = step
             changed = modes_with(state.modes, self.blocks, self.parameters, values)
-            state = self._solved(changed, values, raw, state.steps + 1)
+            state = self._solve(changed, values, raw, state.steps + 1)
             if gain < least_gain:
                 break
         return state
 
-    def _solved(self, modes: Modes, values: Array, raw: Sequence[Array], steps: int) -> _State:
-        """The state at these modes, one per block, with ``raw`` columns: solves the linear part of each."""
+    def _solve(self, modes: Modes, values: Array, raw: Sequence[Array], steps: int) -> _State:
+        """Solve the linear part of each block for its mode and unwhitened columns; the resulting state."""
         each = zip(self.blocks, modes, raw, strict=True)
-        solved = tuple(project(b, mode, raw=columns) for b, mode, columns in each)
-        return _State(modes, values, solved, steps)
+        projections = tuple(project(b, mode, raw=columns) for b, mode, columns in each)
+        return _State(modes, values, projections, steps)
 
-    def linearised(self, state: _State) -> JointFit:
-        """The fit at a state, with its Jacobian."""
-        modes, solved = state.modes, state.solved
-        weights = _weights(self.blocks, solved)
-        jacobian = model_jacobian(self.blocks, modes, solved, weights, self.parameters, state.values)
-        residual = tuple((s.residual * weight).ravel() for s, weight in zip(solved, weights, strict=True))
+    def linearise(self, state: _State) -> JointFit:
+        """Compute the Jacobian at a state; the state as a fit."""
+        modes, projections = state.modes, state.projections
+        weights = _weights(self.blocks, projections)
+        jacobian = model_jacobian(self.blocks, modes, projections, weights, self.parameters, state.values)
+        residual = tuple(
+            (s.residual * weight).ravel() for s, weight in zip(projections, weights, strict=True)
+        )
         hessian = sum((j.T @ j for j in jacobian), self.prior_rows.T @ self.prior_rows)
-        return JointFit(modes, self.blocks, solved, self.parameters, tuple(jacobian), residual, hessian)
+        return JointFit(modes, self.blocks, projections, self.parameters, tuple(jacobian), residual, hessian)
 
-    def _damped_step(self, now: _State, damping: float) -> tuple[Array, list[Array], float, float] | None:
-        """The first step with increasing damping that lowers the cost; not across a limit of a parameter.
+    def _damped_step(self, state: _State, damping: float) -> tuple[Array, list[Array], float, float] | None:
+        """Try steps with increasing damping, until one lowers the cost.
 
-        Returns values, raw columns, damping for the next step, and the reduction of the cost over the cost;
-        None if no step lowers it. The weights of the blocks are those before the step.
+        A step does not cross a limit of a parameter. The weights of the blocks are those before the step.
+
+        Parameters
+        ----------
+        state : _State
+            State before the step.
+        damping : float
+            Damping of the first step, over the diagonal of the Hessian.
+
+        Returns
+        -------
+        tuple or None
+            Values of the parameters after the step, unwhitened columns of each block, damping for the next
+            step, and reduction of the cost over the cost. None if no step lowers the cost.
         """
-        values = now.values
-        weights = _weights(self.blocks, now.solved)
+        values = state.values
+        weights = _weights(self.blocks, state.projections)
         powers = [
-            float(np.sum((solved.residual * weight) ** 2))
-            for solved, weight in zip(now.solved, weights, strict=True)
+            float(np.sum((projection.residual * weight) ** 2))
+            for projection, weight in zip(state.projections, weights, strict=True)
         ]
         cost = self._cost(powers, values)
         hessian, descent = normal_equations(
-            self.blocks, now.modes, now.solved, weights, self.parameters, values
+            self.blocks, state.modes, state.projections, weights, self.parameters, values
         )
         deviations = self.prior_rows @ values - self.prior_values
         hessian += self.prior_rows.T @ self.prior_rows
-        descent -= self.prior_rows.T @ deviations  # descent: minus half the gradient of the cost
+        descent -= self.prior_rows.T @ deviations  # half the gradient of the cost, with the opposite sign
         low, high = limits_of(self.parameters)
-        # At a limit, a parameter stays if the descent leads beyond.
-        free = ~((values <= low) & (descent < 0) | (values >= high) & (descent > 0))
-        if not free.any():
+        # A parameter at a limit is not changed if the descent leads beyond the limit.
+        at_low, at_high = (values <= low) & (descent < 0), (values >= high) & (descent > 0)
+        varied = ~(at_low | at_high)
+        if not varied.any():
             return None
-        hessian = hessian[np.ix_(free, free)]
+        hessian = hessian[np.ix_(varied, varied)]
         change = np.zeros(len(values))
         for _ in range(_TRIALS):
-            damped = hessian + damping * np.diag(np.diag(hessian) + 1e-12)
-            change[free] = np.linalg.solve(damped, descent[free])
+            damped = hessian + damping * np.diag(np.diag(hessian) + _LEAST_DIAGONAL)
+            change[varied] = np.linalg.solve(damped, descent[varied])
             trial = np.clip(values + np.clip(change, -_LONGEST_STEP, _LONGEST_STEP), low, high)
-            raw = raw_columns_of(self.blocks, modes_with(now.modes, self.blocks, self.parameters, trial))
+            raw = raw_columns_of(self.blocks, modes_with(state.modes, self.blocks, self.parameters, trial))
             powers = []
-            for b, columns, solved, weight in zip(self.blocks, raw, now.solved, weights, strict=True):
-                powers.append(remaining_power(b, columns, solved) * weight**2)
+            for i, b in enumerate(self.blocks):
+                powers.append(remaining_power(b, raw[i], state.projections[i]) * weights[i] ** 2)
             gain = cost - self._cost(powers, trial)
             if gain > 0:
                 return trial, raw, max(damping / _DAMPING_FACTOR, _LEAST_DAMPING), gain / cost
@@ -297,16 +339,18 @@ class _Problem:
     def _cost(self, powers: Sequence[float], values: Array) -> float:
         """Sum of the blocks' weighted powers and of the squared deviations from the priors."""
         cost = sum(powers) + float(np.sum((self.prior_rows @ values - self.prior_values) ** 2))
-        return cost if math.isfinite(cost) else math.inf  # not nan
+        if not math.isfinite(cost):
+            return math.inf  # and not nan, which no comparison would exclude
+        return cost
 
 
-def with_local_parameters(found: JointFit, modes: Modes, names: Sequence[str]) -> JointFit:
-    """A fit with derivatives also by the local compliances at the stops.
+def with_local_parameters(fit: JointFit, modes: Modes, names: Sequence[str]) -> JointFit:
+    """Add derivatives by the local compliances at the stops to a fit.
 
     Parameters
     ----------
-    found : JointFit
-        Without local compliances.
+    fit : JointFit
+        Fit without local compliances.
     modes : tuple of AxialMode
         Modes of the fit, with local compliances of 0.
     names : sequence of str
@@ -318,15 +362,15 @@ def with_local_parameters(found: JointFit, modes: Modes, names: Sequence[str]) -
         At the same values, with the local compliances among its parameters and without priors.
     """
     added: list[Parameter] = [(name, None) for name in names]
-    weights = _weights(found.blocks, found.solved)
-    by_local = model_jacobian(found.blocks, modes, found.solved, weights, added, np.zeros(len(names)))
-    jacobian = tuple(np.column_stack(pair) for pair in zip(found.jacobian, by_local, strict=True))
+    weights = _weights(fit.blocks, fit.projections)
+    by_local = model_jacobian(fit.blocks, modes, fit.projections, weights, added, np.zeros(len(names)))
+    jacobian = tuple(np.column_stack(pair) for pair in zip(fit.jacobian, by_local, strict=True))
     hessian = np.asarray(sum(j.T @ j for j in jacobian))
-    parameters = (*found.parameters, *added)
-    return replace(found, modes=modes, parameters=parameters, jacobian=jacobian, hessian=hessian)
+    parameters = (*fit.parameters, *added)
+    return replace(fit, modes=modes, parameters=parameters, jacobian=jacobian, hessian=hessian)
 
 
-def _weights(blocks: Sequence[Block], solved: Sequence[Projection]) -> list[float]:
-    """Weight of each block: one over the rms of its residual."""
-    mean_squares = [b.mean_square(s.residual) for b, s in zip(blocks, solved, strict=True)]
+def _weights(blocks: Sequence[Block], projections: Sequence[Projection]) -> list[float]:
+    """Weight of each block, (m/s²)⁻¹: one over the rms of its residual."""
+    mean_squares = [b.mean_square(s.residual) for b, s in zip(blocks, projections, strict=True)]
     return [1 / max(math.sqrt(mean_square), _LEAST_RMS) for mean_square in mean_squares]

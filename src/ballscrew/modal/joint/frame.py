@@ -1,8 +1,8 @@
-"""Mode of the machine's frame near the axial one: whether a run shows it, and which of two modes is which.
+"""Mode of the machine's frame near the axial one: whether a run shows it, and which of the two is the axis.
 
-Two coupled modes alone do not show which of them is the axis. Three facts do, and all are in the model: the
-axial mode changes with the table's position and the frame's does not; the axial frequency is lower with the
-rotor held and the frame's is the same; the table moves against its motor in the axial mode.
+The frequencies of two coupled modes do not show which of them is the axis. Three facts do, and all are in the
+model: the axial mode changes with the table's position and the frame's does not; the axial frequency is lower
+with the rotor held and the frame's is the same; the table moves against its motor in the axial mode.
 """
 
 from __future__ import annotations
@@ -20,34 +20,37 @@ from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode
 from ballscrew.modal.joint.parameters import Modes, with_rotor_parts
 from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile
 
-# Least result of `frame_scores` for a search: on 8 random axes without a frame near the mode the highest was
-# 0.04 at most, on the independent bench 0.12 (the fit below rejects it); with a frame of 4 to 20 times the
-# moving mass, 0.15 at least.
+# Highest result of `frame_scores` from which on a frame is searched for. On 8 random axes without a frame
+# near the mode it was 0.04 at most, on the independent bench 0.12 (the limits below reject this frame); with
+# a frame of 4 to 20 times the moving mass, 0.15 at least.
 _LEAST_SCORE = 0.06
-_SCORED = np.geomspace(0.55, 1.8, 13)  # frequencies of the frame in `frame_scores`, over the axial one
-_SCORED_RATIO = 1e-3  # moving mass over the frame's there: nearly 0
+_SCORED_SCALES = np.geomspace(0.55, 1.8, 13)  # frequencies of the frame in `frame_scores`, over the axial one
+_SCORED_COUPLING = 1e-3  # moving mass over the frame's in `frame_scores`: nearly 0
 
 # Start of the fit: frequencies of axis and frame, over that of the fit without a frame.
 _AXIS_SCALES = np.geomspace(0.72, 1.5, 9)
 _FRAME_SCALES = np.geomspace(0.6, 1.6, 10)
 _RATIO = 0.12  # moving mass over the frame's
 _DAMPING = 0.05  # damping ratio of the frame
-_ROTOR_PART = 0.6  # rotor's part of the total inertia, where the rotor-held frequency is not fitted too
+_ROTOR_PART = 0.6  # rotor's part of the total inertia, if the rotor-held frequency is not fitted too
 
-# Least reduction of the log residual by the frame, the pitching mode being fitted with and without it, and
-# largest damping ratio of the frame. On ten random axes in 16 worlds of benchmarks/other_worlds.py without a
-# frame, fits find reductions of 0.06 at most; with frames of 4 to 20 times the moving mass, 0.12 at least in
-# the runs where a frame is found. On the independent bench, which has no frame, three trips find 0.001;
-# single trips find up to 1, with frames of more than 100 times the moving mass. The damping ratios of
-# machines are 0.1 at most.
-_LEAST_REDUCTION, _MOST_DAMPING = 0.09, 0.15
-# Largest mass of the frame over the moving mass. With a wrong sheet a fit on that bench finds a frame of 73
-# times the moving mass, a reduction of 0.11 and a damping ratio of 0.06.
+# Least reduction of the log residual by the frame; the pitching mode is fitted with and without it. On ten
+# random axes in 16 variants of benchmarks/other_worlds.py without a frame, fits find reductions of 0.06 at
+# most; with frames of 4 to 20 times the moving mass, 0.12 at least in the runs where a frame is found. On the
+# independent bench, which has no frame, three trips find 0.001; single trips find up to 1, with frames of
+# more than 100 times the moving mass.
+_LEAST_REDUCTION = 0.09
+_MOST_DAMPING = 0.15  # largest damping ratio of the frame; those of machines are 0.1 at most
+# Largest mass of the frame over the moving mass. With a wrong data sheet, a fit on the independent bench
+# finds a frame of 73 times the moving mass, with a reduction of 0.11 and a damping ratio of 0.06.
 _MOST_MASS = 50.0
+# Range of the frame's frequency over the axial one. A frame below it moves as a free body.
+_LEAST_FREQUENCY = 0.45
+_LARGEST_FREQUENCY = 2.2
+
 _DISTINCT = 0.1  # margin of a FrameSearch above which the run shows which of the two modes is the axis
-_SAME = 0.01  # largest difference of ln(frequency) of two fits that have the same axis
-_OF_FRAME = ("frame", "frame_damping", "coupling")  # fields of AxialMode
-_NEAR = (0.45, 2.2)  # range of the frame's frequency over the axial one
+_SAME = 0.01  # largest difference of ln(frequency) of two fits in which the same mode is the axis
+_FIELDS = ("frame", "frame_damping", "coupling")  # fields of AxialMode that describe the frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +65,8 @@ class FrameSearch:
         Reduction of :func:`~ballscrew.modal.joint.fit.log_residual` by the frame; the pitching mode is fitted
         both with and without it.
     margin : float
-        Log residual with axis and frame interchanged, less that of ``modes``.
+        Log residual with axis and frame interchanged, less that of ``modes``. If no such fit was found, the
+        log residual without a frame takes its place.
     """
 
     modes: Modes
@@ -81,7 +85,7 @@ def find_frame(blocks: Sequence[Block], modes: Modes, profile: Profile) -> Frame
     Parameters
     ----------
     blocks : sequence of Block
-        Data, without ripple and whitening.
+        Drives and responses, without ripple and whitening.
     modes : tuple of AxialMode
         Without a frame, one per block.
     profile : Profile
@@ -90,7 +94,7 @@ def find_frame(blocks: Sequence[Block], modes: Modes, profile: Profile) -> Frame
     Returns
     -------
     FrameSearch or None
-        None if the residual shows no frame.
+        None if the run shows no frame.
     """
     plain = fit_blocks(blocks, modes, profile.fields, profile.priors(INITIAL_INFLATION))
     if float(frame_scores(plain).max()) < _LEAST_SCORE:
@@ -100,7 +104,8 @@ def find_frame(blocks: Sequence[Block], modes: Modes, profile: Profile) -> Frame
     residual_without = _residual_without_frame(plain, with_frame)
     fits = [fit_modes(blocks, start, with_frame.fields, priors) for start in _starts(plain)]
     fits.sort(key=lambda fit: fit[1])  # the lower log residual first
-    (best, residual), (other, other_residual) = fits
+    best, residual = fits[0]
+    other, other_residual = fits[1]
     reduction = residual_without - residual
     too_heavy = best[0].coupling * _MOST_MASS < 1
     if reduction < _LEAST_REDUCTION or too_heavy or not _is_near(best[0]):
@@ -113,27 +118,27 @@ def find_frame(blocks: Sequence[Block], modes: Modes, profile: Profile) -> Frame
 
 def _residual_without_frame(plain: JointFit, profile: Profile) -> float:
     """Log residual of a fit of all parameters of a profile except those of the frame."""
-    fields = [field for field in profile.fields if field not in _OF_FRAME]
-    priors = [prior for prior in profile.priors(INITIAL_INFLATION) if prior.fields[0][0] not in _OF_FRAME]
+    fields = [field for field in profile.fields if field not in _FIELDS]
+    priors = [prior for prior in profile.priors(INITIAL_INFLATION) if prior.fields[0][0] not in _FIELDS]
     return fit_modes(plain.blocks, plain.modes, fields, priors)[1]
 
 
 def _is_near(mode: AxialMode) -> bool:
     """True if the frame's mode is near the axial one, and its damping ratio is that of a resonance."""
-    low, high = _NEAR
-    return low < mode.frame / mode.middle_frequency < high and mode.frame_damping < _MOST_DAMPING
+    ratio = mode.frame / mode.middle_frequency
+    return _LEAST_FREQUENCY < ratio < _LARGEST_FREQUENCY and mode.frame_damping < _MOST_DAMPING
 
 
 def frame_scores(plain: JointFit) -> Array:
     """Part of each block's residual that a frame of large mass would explain, at frequencies near the mode.
 
-    A score test: one step from a fit without a frame, along the derivative of the model by the frame's
-    coupling, from which the part that the fitted parameters explain is removed.
+    This is a score test: one step from a fit without a frame, along the derivative of the model by the
+    frame's coupling, from which the part that the fitted parameters explain is removed.
 
     Parameters
     ----------
     plain : JointFit
-        Without a frame.
+        Fit without a frame.
 
     Returns
     -------
@@ -141,9 +146,10 @@ def frame_scores(plain: JointFit) -> Array:
         Explained power over the power of the residual; negative where the step leads to a negative coupling.
     """
     bases = [np.linalg.qr(jacobian[:, jacobian.any(axis=0)])[0] for jacobian in plain.jacobian]
-    out = np.zeros((len(plain.blocks), len(_SCORED)))
-    for column, scale in enumerate(_SCORED.tolist()):
-        modes = _with_frame(plain.blocks, plain.modes, scale * plain.modes[0].middle_frequency, _SCORED_RATIO)
+    out = np.zeros((len(plain.blocks), len(_SCORED_SCALES)))
+    for column, scale in enumerate(_SCORED_SCALES.tolist()):
+        frequency = scale * plain.modes[0].middle_frequency
+        modes = _with_frame(plain.blocks, plain.modes, frequency, _SCORED_COUPLING)
         by_coupling = fit_blocks(plain.blocks, modes, ("coupling",), most_steps=0)
         for row, basis in enumerate(bases):
             direction, residual = by_coupling.jacobian[row][:, 0], plain.residual[row]
@@ -155,7 +161,7 @@ def frame_scores(plain: JointFit) -> Array:
 
 
 def _starts(plain: JointFit) -> list[Modes]:
-    """Best initial values with the axial frequency below that of the frame, and best with it above."""
+    """Best initial modes with the axial frequency below that of the frame, and best ones with it above."""
     best: dict[bool, tuple[float, Modes]] = {}
     for axis_scale in _AXIS_SCALES.tolist():
         scaled = tuple(
@@ -166,8 +172,8 @@ def _starts(plain: JointFit) -> list[Modes]:
             frequency = frame_scale * plain.modes[0].middle_frequency
             modes = _with_frame(plain.blocks, scaled, frequency, _RATIO)
             raw = raw_columns_of(plain.blocks, modes)
-            solved = [project(b, m, raw=r) for b, m, r in zip(plain.blocks, modes, raw, strict=True)]
-            residual = log_residual(solved)
+            projections = [project(b, m, raw=r) for b, m, r in zip(plain.blocks, modes, raw, strict=True)]
+            residual = log_residual(projections)
             above = axis_scale > frame_scale
             if residual < best.get(above, (math.inf, modes))[0]:
                 best[above] = residual, modes
@@ -178,6 +184,8 @@ def _with_frame(blocks: Sequence[Block], modes: Modes, frequency: float, ratio: 
     """Modes with a frame of this frequency (Hz); ``ratio`` is the moving mass over the frame's."""
     out = []
     for b, mode in zip(blocks, modes, strict=True):
-        part = 1.0 if b.mode_index == ROTOR_HELD else _ROTOR_PART
+        part = _ROTOR_PART
+        if b.mode_index == ROTOR_HELD:
+            part = 1.0
         out.append(replace(mode, frame=frequency, frame_damping=_DAMPING, coupling=ratio, rotor_part=part))
     return with_rotor_parts(blocks, out)

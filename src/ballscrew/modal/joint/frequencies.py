@@ -17,12 +17,12 @@ from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import TiedCurves, nut_loads, sheet_weight, tie_slopes
 
-_SHORTEST = 0.05  # m: a shorter axis counts as so long where the slopes of the two modes are tied
+_SHORTEST = 0.05  # m, least length of the axis that is assumed where the slopes of the two modes are tied
 
 # Sizes of the terms of the uncertainty, without unit. They were set with 174 runs on 29 random axes of the
 # testbed: docs/explanation/identification.md, "The uncertainty". A relative error is that of the frequency.
 
-# Term "residual", of an unmeasured force that rings with the mode: error over the half-width of the resonance
+# Term "residual", of an unmeasured force that excites the mode: error over the half-width of the resonance
 # (damping ratio times frequency), per unexplained part of the power of the response.
 _FORCE = 0.5
 # Part of the power unexplained by the motor's motion that is due to such a force; the rest is encoder noise.
@@ -30,57 +30,63 @@ _FORCE_OF_MOTION = 0.6
 
 # Term "local": error of the compliance between two stops, over the deviation of a stop from its neighbours.
 _INTERPOLATION = 0.06
-# Term "noise": factor of the scatter of cells, half of whose variance is also in the scatter of conditions.
+# Term "noise": factor of the uncertainty by the scatter of cells, since about half of this variance is also
+# in the scatter of conditions.
 _CELLS = math.sqrt(0.5)
 
-# Term "load", for a nut that is all of the compliance, at a load F on the nut that is equal to its preload P.
-# Relative error by even wear that the softening in the run does not show, in proportion to (F/P)² and to the
-# weight of the data sheet in the load; and by the law of the softening, in proportion to F/P below 1 and to
-# (F/P)² above.
-_WORN, _LAW = 0.008, 5e-4
+# Term "load": relative errors for a nut that is all of the compliance, at a load F on the nut that is equal
+# to its preload P. In proportion to the nut's share of the compliance.
+_WORN = 0.008  # by even wear that the run does not show: times (F/P)² and the data sheet's weight in the load
+_LAW = 5e-4  # by the law of the softening: times F/P below 1 and (F/P)² above
+
 # Relative error of the rotor-held frequency as the zero of the motor's response to the torque, by modes above
 # the band: 0.4 % on the bench.
 _ZERO = 0.003
 
 # Term "ripple", of a force between whole orders of a turn, as of a belt, that is fitted as whole orders:
-# relative error where it is the whole power of the response, in proportion to its amplitude.
+# relative error if it caused the whole power of the response, in proportion to its amplitude.
 _FRACTIONAL = 0.025
-# Term "frame": relative error where a mode of the frame is fitted, half of the largest in 120 cells of two
-# random axes, with frames of 4, 8 and 20 times the moving mass at 0.8 to 1.1 of the mode; and the coupling
-# (moving mass over that of the frame) from which on it grows in proportion, since the frame of 4 times the
-# moving mass leaves twice the error of the others.
-_FRAME, _FRAME_COUPLING = 2e-3, 1 / 8
-# Amplitude of the torque's rounding error in the band over that by its steps and the rate of changes: 0.65 to
-# 0.8 for steps of 0.02 to 0.1 N m on the bench.
+# Part of the power of the response by an unmeasured force up to which the term is omitted.
+_LEAST_UNMEASURED = 1e-4
+
+# Term "frame": relative error if a mode of the frame is fitted, half of the largest in 120 cells of two
+# random axes, with frames of 4, 8 and 20 times the moving mass at 0.8 to 1.1 of the mode.
+_FRAME = 2e-3
+# Coupling (moving mass over the frame's) from which on the error grows in proportion to it, since the frame
+# of 4 times the moving mass causes twice the error of the others.
+_FRAME_COUPLING = 1 / 8
+
+# Amplitude of the torque's rounding error in the band, over that by TripSignals.rounding: 0.65 to 0.8 for
+# steps of 0.02 to 0.1 N m on the bench.
 _ROUNDING = 0.8
 # Term "steps", of the rounding, from 16 runs of the bench with steps of 0.02, 0.05 and 0.1 N m that begin at
-# other torques. Rms of the mean relative error over the product of `_rounding_amplitude` and damping ratio;
-# and rms of the difference of the relative errors in the middle and at an end of the axis, over
-# `_rounding_amplitude`. The fitted damping grows with the rounding, by another amount at each stop. In 8 runs
-# of an axis of the testbed the mean was 0.2 and the tilt 0.022.
-_ROUNDING_MEAN, _ROUNDING_TILT = 1.4, 0.095
+# different torques. The fitted damping grows with the rounding, by a different amount at each stop.
+# Rms of the mean relative error, over the product of `_rounding_amplitude` and damping ratio; 0.2 in 8 runs
+# of an axis of the testbed.
+_ROUNDING_MEAN = 1.4
+# Rms of the difference of the relative errors in the middle and at an end of the axis, over
+# `_rounding_amplitude`; 0.022 in these 8 runs.
+_ROUNDING_TILT = 0.095
 _LEAST_ROUNDING = 5e-5  # damping ratio times `_rounding_amplitude` up to which the term is omitted
 
-_LEAST_UNMEASURED = 1e-4  # part of the power of the response by unmeasured force: no term "ripple" up to it
-
-# Difference of the rotor-held frequencies by the two methods, over the standard uncertainty due to it.
+# The rotor-held frequencies by the two methods are assumed to differ by up to so many standard uncertainties.
 _METHODS_DIFFERENCE = 3.0
 
 _ZERO_DAMPING = 0.3  # largest damping ratio of the zero of the motor's response
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
-    """One term of the uncertainty.
+class UncertaintyTerm:
+    """One term of the uncertainty of a frequency.
 
     Parameters
     ----------
     name : str
-        Key in ``uncertainty_terms_Hz``.
+        Key in :attr:`~ballscrew.modal.cell.CellResult.uncertainty_terms_Hz`.
     repeats : bool
         Whether its errors are the same in another run of the same plan.
     effects : ndarray, shape (causes, cells)
-        Effects of independent causes on every cell, each of one standard deviation, Hz.
+        Effect of each of the independent causes on every cell, for one standard deviation of the cause, Hz.
     """
 
     name: str
@@ -88,7 +94,7 @@ class Term:
     effects: Array
 
     @property
-    def size(self) -> Array:
+    def standard_uncertainty(self) -> Array:
         """Standard uncertainty of every cell by this term, shape (cells,), Hz."""
         return np.asarray(np.sqrt(np.sum(self.effects**2, axis=0)))
 
@@ -99,19 +105,20 @@ class CellFrequencies:
 
     Parameters
     ----------
-    free : ndarray, shape (cells,)
+    rotor_free : ndarray, shape (cells,)
         Natural frequency with the rotor free, Hz.
-    terms : list of Term
-        Terms of the uncertainty of ``free``.
+    terms : list of UncertaintyTerm
+        Terms of the uncertainty of ``rotor_free``.
     rotor_held, rotor_held_uncertainty : ndarray, shape (cells,)
         Natural frequency with the rotor held and its standard uncertainty, Hz; the latter is not finite if
         the run does not determine the frequency.
     nut_load : ndarray, shape (cells,)
-        Highest load on the nut over its preload; at least that by the data sheet's lower limit.
+        Highest load on the nut over its preload; not lower than by the data sheet's lower limit of mass over
+        preload.
     """
 
-    free: Array
-    terms: list[Term]
+    rotor_free: Array
+    terms: list[UncertaintyTerm]
     rotor_held: Array
     rotor_held_uncertainty: Array
     nut_load: Array
@@ -130,7 +137,7 @@ def estimate_frequencies(
     Parameters
     ----------
     found : SearchResult
-        The final fit and the one before whitening.
+        The final fit and the fit before whitening.
     settings : JointSettings
         Settings of the method.
     rounding : float
@@ -141,44 +148,45 @@ def estimate_frequencies(
     CellFrequencies
         Of all cells that have a window.
     """
-    fit, w = found.fit, found.fit.blocks[0].windows
-    place = w.stops
-    reach = max(float(np.ptp(place)), _SHORTEST)
+    fit = found.fit
+    stops = fit.blocks[0].windows.stops
+    length = max(float(np.ptp(stops)), _SHORTEST)
     shrinkage = shrinkage_covariance(fit, found.variation)
-    final = tie_slopes(fit, shrinkage, settings.slopes, reach)
+    final = tie_slopes(fit, shrinkage, settings.slopes, length)
     shrinkage = shrinkage_covariance(found.unwhitened, found.variation)
-    unwhitened = tie_slopes(found.unwhitened, shrinkage, settings.slopes, reach)
-    free, terms = _curve(final, unwhitened, ROTOR_FREE, place, settings)
+    unwhitened = tie_slopes(found.unwhitened, shrinkage, settings.slopes, length)
+    rotor_free, terms = _frequency_and_terms(final, unwhitened, ROTOR_FREE, stops, settings)
     rotor_held, rotor_held_uncertainty = _rotor_held_frequency(
-        found, final, unwhitened, settings, free, _total(terms)
+        found, final, unwhitened, settings, rotor_free, _total(terms)
     )
     loads, shares = nut_loads(fit)
     mass_over_preload = fit.modes[0].mass_over_preload
     if mass_over_preload > 0:
         # Not lower than by the data sheet's lower limit.
         loads = loads * max(1.0, found.profile.least_mass_over_preload / mass_over_preload)
-    law = _LAW * loads * np.maximum(loads, 1.0)
+    by_law = _LAW * loads * np.maximum(loads, 1.0)
     load_information = found.profile.load_information(found.variation.prior_inflation)
-    worn = _WORN * sheet_weight(fit, load_information) * loads**2
-    terms.append(Term("load", False, (np.hypot(law, worn) * shares * free)[None]))
+    by_wear = _WORN * sheet_weight(fit, load_information) * loads**2
+    terms.append(UncertaintyTerm("load", False, (np.hypot(by_law, by_wear) * shares * rotor_free)[None]))
     unmeasured, fractional = _unmeasured_power(found), any(order.fractional for order in found.ripple)
     if fractional and unmeasured > _LEAST_UNMEASURED:
-        terms.append(Term("ripple", False, _FRACTIONAL * math.sqrt(unmeasured) * free[None]))
+        terms.append(UncertaintyTerm("ripple", False, _FRACTIONAL * math.sqrt(unmeasured) * rotor_free[None]))
     amplitude = _rounding_amplitude(fit, rounding)
-    by_rounding = fit.modes[ROTOR_FREE].damping * amplitude
-    if by_rounding > _LEAST_ROUNDING:
-        mean = np.full(len(place), _ROUNDING_MEAN * by_rounding)
-        tilt = _ROUNDING_TILT * amplitude * (place - place.mean()) / (reach / 2)
-        terms.append(Term("steps", False, np.stack([mean, tilt]) * free))
-    return CellFrequencies(free, terms, rotor_held, rotor_held_uncertainty, loads)
+    damped_amplitude = fit.modes[ROTOR_FREE].damping * amplitude
+    if damped_amplitude > _LEAST_ROUNDING:
+        mean = np.full(len(stops), _ROUNDING_MEAN * damped_amplitude)
+        tilt = _ROUNDING_TILT * amplitude * (stops - stops.mean()) / (length / 2)
+        terms.append(UncertaintyTerm("steps", False, np.stack([mean, tilt]) * rotor_free))
+    return CellFrequencies(rotor_free, terms, rotor_held, rotor_held_uncertainty, loads)
 
 
 def _rounding_amplitude(fit: JointFit, rounding: float) -> float:
-    """Rms of Im(e/F) in the band, of the torque's rounding error e and the torque F.
+    """Rms of Im(e/F) in the band, where e is the torque's rounding error and F the torque; without unit.
 
-    A force e in addition to F turns the phase of the response to F by Im(e/F). At the resonance this has the
-    effect of a relative shift of the frequency by Im(e/F) times the damping ratio. The motion is the same at
-    every stop, and so, on average, is the rounding. Half of the power of e/F is in its imaginary part.
+    ``rounding`` is as for :func:`estimate_frequencies`. A force e in addition to F turns the phase of the
+    response to F by Im(e/F). At the resonance this has the effect of a relative shift of the frequency by
+    Im(e/F) times the damping ratio. The motion is the same at every stop, and so, on average, is the
+    rounding. Half of the power of e/F is in its imaginary part.
     """
     w = fit.blocks[0].windows
     power = float(np.mean(w.force_band[w.from_rest] ** 2))  # of F, (m/s²)²
@@ -189,49 +197,53 @@ def _rounding_amplitude(fit: JointFit, rounding: float) -> float:
 def _unmeasured_power(found: SearchResult) -> float:
     """Part of the power of the first response that the motor's motion explains and the torque does not."""
     by_block = unexplained_power(found.unwhitened)
-    return max(found.unwhitened.solved[0].unexplained - by_block.get("motor-nut", 0.0), 0.0)
+    return max(found.unwhitened.projections[0].unexplained - by_block.get("motor-nut", 0.0), 0.0)
 
 
 def unexplained_power(fit: JointFit) -> dict[str, float]:
     """Unexplained part of the power of each block's responses, by the block's name."""
-    return {b.name: fit.solved[i].unexplained for i, b in enumerate(fit.blocks)}
+    return {b.name: projection.unexplained for b, projection in zip(fit.blocks, fit.projections, strict=True)}
 
 
-def _curve(
-    final: TiedCurves, unwhitened: TiedCurves, mode: int, place: Array, settings: JointSettings
-) -> tuple[Array, list[Term]]:
-    """Frequency of a mode at positions from the middle (m), and the terms of its uncertainty."""
-    f = final.curve(mode, place)
+def _frequency_and_terms(
+    final: TiedCurves, unwhitened: TiedCurves, mode: int, stops: Array, settings: JointSettings
+) -> tuple[Array, list[UncertaintyTerm]]:
+    """Frequency (Hz) of a mode at stops, given by their positions from the middle (m), and its uncertainty.
+
+    ``final`` and ``unwhitened`` are the final fit and the fit before whitening, ``mode`` is ROTOR_FREE or
+    ROTOR_HELD. The uncertainty is a list of terms.
+    """
+    f = final.curve(mode, stops)
     fit = final.fit
     by_motion = unexplained_power(fit).get("motor-nut", 0.0)
-    unexplained = max(fit.solved[0].unexplained, _FORCE_OF_MOTION * by_motion)
+    unexplained = max(fit.projections[0].unexplained, _FORCE_OF_MOTION * by_motion)
     force = _FORCE * unexplained * fit.modes[mode].damping
     floor = settings.model_floor
     if mode == ROTOR_HELD:
         floor = settings.rotor_held_floor
     # The relative error of a frequency is half of that of the compliance.
-    interpolation = _INTERPOLATION / 2 * f[None] * local_residue(fit.modes[0], place)
+    interpolation = _INTERPOLATION / 2 * f[None] * local_residue(fit.modes[0], stops)
     terms = [
         # Neither of these two contains all of the other.
-        Term("noise", False, _CELLS * final.effects(mode, place, "noise")),
-        Term("conditions", False, final.effects(mode, place, "conditions")),
-        # Half of the change of the frequency by the whitening, and by the tie of the slopes.
-        Term("weights", True, (f - unwhitened.curve(mode, place))[None] / 2),
-        Term("drives", True, (f - mode_frequency(fit.modes[mode], place))[None] / 2),
-        Term("model", True, floor * f[None]),
-        Term("clock", True, settings.clock * f[None]),
-        Term("residual", False, force * f[None]),
-        Term("local", False, interpolation),
+        UncertaintyTerm("noise", False, _CELLS * final.effects(mode, stops, "noise")),
+        UncertaintyTerm("conditions", False, final.effects(mode, stops, "conditions")),
+        # Half of the change of the frequency by the whitening, and half of that by the tie of the slopes.
+        UncertaintyTerm("weights", True, (f - unwhitened.curve(mode, stops))[None] / 2),
+        UncertaintyTerm("drives", True, (f - mode_frequency(fit.modes[mode], stops))[None] / 2),
+        UncertaintyTerm("model", True, floor * f[None]),
+        UncertaintyTerm("clock", True, settings.clock * f[None]),
+        UncertaintyTerm("residual", False, force * f[None]),
+        UncertaintyTerm("local", False, interpolation),
     ]
     coupling = fit.modes[mode].coupling
     if coupling > 0:
-        terms.append(Term("frame", False, _FRAME * max(1.0, coupling / _FRAME_COUPLING) * f[None]))
+        terms.append(UncertaintyTerm("frame", False, _FRAME * max(1.0, coupling / _FRAME_COUPLING) * f[None]))
     return f, terms
 
 
-def _total(terms: Sequence[Term]) -> Array:
+def _total(terms: Sequence[UncertaintyTerm]) -> Array:
     """Root sum of squares of the terms, shape (cells,), Hz."""
-    return np.asarray(np.sqrt(sum((term.size**2 for term in terms), np.zeros(()))))
+    return np.asarray(np.sqrt(sum((term.standard_uncertainty**2 for term in terms), np.zeros(()))))
 
 
 def _rotor_held_frequency(
@@ -239,67 +251,73 @@ def _rotor_held_frequency(
     final: TiedCurves,
     unwhitened: TiedCurves,
     settings: JointSettings,
-    free: Array,
-    free_uncertainty: Array,
+    rotor_free: Array,
+    rotor_free_uncertainty: Array,
 ) -> tuple[Array, Array]:
     """Rotor-held frequency and its standard uncertainty, shape (cells,), Hz.
 
-    Estimated by the nut's response to the motor's motion; without it by the zero of the motor's response to
-    the torque.
+    It is estimated by the nut's response to the motor's motion; without this response by the zero of the
+    motor's response to the torque.
     """
-    zero, zero_uncertainty = _torque_zero(found, free)
+    zero, zero_uncertainty = _torque_zero(found, rotor_free)
     fit = found.fit
     if len(fit.blocks) > 1:
-        rotor_held, terms = _curve(final, unwhitened, ROTOR_HELD, fit.blocks[0].windows.stops, settings)
-        # Noise of the encoder is an error of the motor's motion as a drive, but not of the zero.
+        stops = fit.blocks[0].windows.stops
+        rotor_held, terms = _frequency_and_terms(final, unwhitened, ROTOR_HELD, stops, settings)
+        # Noise of the encoder is an error of this method, whose drive is the motor's motion, but not of the
+        # zero.
         difference = np.where(np.isfinite(zero), rotor_held - zero, 0.0)
         uncertainty = np.hypot(_total(terms), difference / _METHODS_DIFFERENCE)
     else:
         rotor_held = zero
-        uncertainty = np.sqrt(zero_uncertainty**2 + (free_uncertainty * zero / free) ** 2)
+        uncertainty = np.sqrt(zero_uncertainty**2 + (rotor_free_uncertainty * zero / rotor_free) ** 2)
         uncertainty = np.hypot(uncertainty, _ZERO * rotor_held)
-    # If the motor's motion is mostly noise, as with a coarse encoder, neither method determines it.
+    # If the motor's motion is mostly noise, as with a coarse encoder, neither method determines the
+    # frequency.
     for name, power in unexplained_power(found.unwhitened).items():
         if name != "torque-nut" and power > settings.most_unexplained:
             uncertainty = np.full_like(rotor_held, np.inf)
     return rotor_held, uncertainty
 
 
-def _torque_zero(found: SearchResult, free: Array) -> tuple[Array, Array]:
+def _torque_zero(found: SearchResult, rotor_free: Array) -> tuple[Array, Array]:
     """Zero of the motor's response to the torque, and its standard uncertainty, shape (cells,), Hz.
 
-    At the zero the spring takes all the force, and the rotor stands still as if it were held. Without a zero
-    the results are nan and infinity.
+    At the zero the force of the spring is equal to that of the motor, and the rotor does not move, as if it
+    were held. Without a zero the results are nan and infinity.
 
     Modes above the band shift the zero, and noise of the torque resembles them. The zero is therefore
     estimated without the column for these modes, and its shift with that column is part of the uncertainty.
     """
-    solved, first = _motor_projection(found), found.fit.blocks[0]
+    projection, first = _motor_projection(found), found.fit.blocks[0]
     damping = found.fit.modes[0].damping
-    angle = 2 * math.pi * float(np.mean(free)) / first.windows.rate
-    ratio_with_modes = _zero_over_pole(solved.weights[:5, 0], angle, damping)
-    columns = solved.columns[:, :4]  # without the second derivative of the force
-    target = solved.columns[:, :5] @ solved.weights[:5] + solved.residual  # without the ripple
+    angle = 2 * math.pi * float(np.mean(rotor_free)) / first.windows.rate
+    # The columns begin with the response of the mode, its derivative, and the force with its two derivatives;
+    # those of the ripple follow.
+    with_modes_above = projection.columns[:, :5]
+    columns = projection.columns[:, :4]
+    ratio_with_modes_above = _zero_over_pole(projection.weights[:5, 0], angle, damping)
+    target = with_modes_above @ projection.weights[:5] + projection.residual  # the response without ripple
     weights = np.linalg.lstsq(columns, target, rcond=None)[0][:, 0]
     ratio = _zero_over_pole(np.append(weights, 0.0), angle, damping)
-    if ratio is None or ratio_with_modes is None:
-        return np.full_like(free, np.nan), np.full_like(free, np.inf)
-    noise = SAMPLES_PER_INDEPENDENT * first.mean_square(solved.residual)
+    if ratio is None or ratio_with_modes_above is None:
+        return np.full_like(rotor_free, np.nan), np.full_like(rotor_free, np.inf)
+    noise = SAMPLES_PER_INDEPENDENT * first.mean_square(projection.residual)
     covariance = noise * np.linalg.pinv(columns.T @ columns)
-    # Without damping and delays, the ratio is 1 + weights[0] / weights[2].
+    # The ratio without damping and delays is 1 + weights[0] / weights[2].
     gradient = np.array([1 / weights[2], 0, -weights[0] / weights[2] ** 2, 0])
     relative = math.sqrt(max(float(gradient @ covariance @ gradient), 0.0)) / (2 * ratio)
-    rotor_held = free * math.sqrt(ratio)
-    shift = free * abs(math.sqrt(ratio_with_modes) - math.sqrt(ratio))
+    rotor_held = rotor_free * math.sqrt(ratio)
+    shift = rotor_free * abs(math.sqrt(ratio_with_modes_above) - math.sqrt(ratio))
     return rotor_held, np.hypot(rotor_held * relative, shift)
 
 
 def _motor_projection(found: SearchResult) -> Projection:
-    """Linear part of the block "torque-motor" at the final mode; the block is made if it was not fitted."""
+    """Linear part of the block "torque-motor" with the final mode; the block is made if it was not fitted."""
     fit = found.fit
-    for b, solved in zip(fit.blocks, fit.solved, strict=True):
+    for b, projection in zip(fit.blocks, fit.projections, strict=True):
         if b.name == "torque-motor":
-            return solved
+            return projection
     first = fit.blocks[0]
     block = make_block("torque-motor", first.windows, from_rest=found.from_rest, ripple=first.ripple)
     return project(block, fit.modes[0])
@@ -321,14 +339,15 @@ def _zero_over_pole(weights: Array, angle: float, damping: float) -> float | Non
     Returns
     -------
     float or None
-        None if there is no zero below the pole.
+        That of the highest lightly damped zero below the pole; None if there is none.
     """
-    # Polynomials in s, where a derivative per sample is a factor s. The response of the mode to the force is
-    # the damping and stiffness terms of `pole` over `pole`.
+    # Polynomials in s, where a derivative per sample is a factor s. The transfer function of the mode is the
+    # damping and stiffness terms of `pole` over `pole`.
     pole = np.array([1.0, 2 * damping * angle, angle**2])
-    direct = np.polymul([weights[4], weights[3], weights[2]], pole)
-    of_mode = np.polymul([weights[1], weights[0]], pole * (0.0, 1.0, 1.0))
-    roots = np.roots(np.polyadd(direct, of_mode))
-    size = np.abs(roots)
-    below = (roots.imag > 0) & (size < angle) & (np.abs(roots.real) < _ZERO_DAMPING * size)
-    return max((size[below] ** 2 / angle**2).tolist(), default=None)
+    by_force = np.polymul([weights[4], weights[3], weights[2]], pole)
+    by_mode = np.polymul([weights[1], weights[0]], pole * (0.0, 1.0, 1.0))
+    roots = np.roots(np.polyadd(by_force, by_mode))
+    frequencies = np.abs(roots)  # rad per sample
+    lightly_damped = np.abs(roots.real) < _ZERO_DAMPING * frequencies
+    below = (roots.imag > 0) & (frequencies < angle) & lightly_damped
+    return max((frequencies[below] ** 2 / angle**2).tolist(), default=None)

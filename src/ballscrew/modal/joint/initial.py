@@ -25,35 +25,43 @@ from ballscrew.modal.joint.blocks import (
     simulate,
 )
 from ballscrew.modal.joint.columns import BELOW_NYQUIST, differences, pitching_response
-from ballscrew.modal.joint.mode import FORM_PRIOR, INITIAL_DAMPING, AxialMode, compliance_of
+from ballscrew.modal.joint.mode import FORM_MEAN, INITIAL_DAMPING, AxialMode, compliance_of
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows
 
 _SMOOTHING_TIME = 0.01  # s, length of the window that smooths speed and force before the inertia is fitted
-_MOVING = 0.1  # of the highest speed: slower samples do not enter the fit of the inertia
+_MOVING = 0.1  # over the highest speed: slower samples do not enter the fit of the inertia
 
-_PRELOAD_RATIOS = np.geomspace(1e-3, 2.0, 153)  # preloads tried, over the nominal one
-# Mean and standard deviation of ln(preload over nominal): of a sound nut, and of a worn one, which may have
-# lost anything from nothing to 99 % of its preload.
-_SOUND, _WORN = (0.0, 0.35), (-1.5, 1.5)
-_FREEDOM = 10.0  # degrees of freedom of the error of the frequency that a data sheet predicts
+_PRELOAD_RATIOS = np.geomspace(1e-3, 2.0, 153)  # preloads tried, over the nominal preload
+# Mean and standard deviation of ln(preload over nominal preload).
+_SOUND_NUT = (0.0, 0.35)
+_WORN_NUT = (-1.5, 1.5)  # it may have lost anything from nothing to 99 % of its preload
+_FREEDOM = 10.0  # degrees of freedom of Student's distribution of a predicted frequency's error
 
 FREQUENCY_SCALES = np.exp(np.arange(-0.40, 0.401, 0.04))
 """Frequencies tried, over the initial one."""
-# Frequencies of the pitching mode tried, over the axial one.
 _PITCH_RATIOS = (1.3, 1.45, 1.6, 1.75, 1.9, 2.05, 2.2, 2.35)
-_PITCH_RATIO, _PITCH_DAMPING = 1.8, 0.03  # assumed before the pitching mode is estimated
+"""Frequencies of the pitching mode tried, over the axial one."""
 
-# Largest power that a significant pitching mode leaves unexplained, over that with the worst frequency tried,
-# which explains hardly more than a constant ratio of the two accelerometers.
+# Assumed before the pitching mode is estimated.
+_PITCH_RATIO = 1.8  # frequency of the pitching mode over the axial one
+_PITCH_DAMPING = 0.03  # damping ratio
+
+# Frequencies and damping ratios of the pitching mode tried with two accelerometers.
+_PITCH_FREQUENCIES = 30  # number of frequencies, from the lowest to the highest
+_PITCH_DAMPINGS = (0.02, 0.06)
+_HIGHEST_PITCH = 0.4  # highest of these frequencies, over the sampling rate: below half of it
+
+# Largest power that a significant pitching mode leaves unexplained, over that left by the worst frequency
+# tried, which explains hardly more than a constant ratio of the two accelerometers.
 _SIGNIFICANT = 0.6
 _MOST_PITCH_DAMPING = 0.1  # largest damping ratio of a pitching mode: more is not a resonance
-_RANK_TOLERANCE = 1e-12  # of the largest eigenvalue: directions of the columns with less are rounding
+_RANK_TOLERANCE = 1e-12  # over the largest eigenvalue of AᵀA of the columns A: smaller are rounding errors
 
-
-_FORM_PLACES = 7  # of the table, at which the curve is computed
-# Curve without a data sheet, times the square of half the travel: a line then errs by 0.2 % of the frequency
-# at the ends, as on random axes between a 16 x 5 and a 40 x 20 mm screw (0.1 to 0.4 %).
+_FORM_POSITIONS = 7  # number of positions of the table at which the curve is computed
+# Curve without a data sheet, times the square of half the travel. Without a curve, a line would then have an
+# error of 0.2 % of the frequency at the ends, as on random axes between a 16 x 5 and a 40 x 20 mm screw (0.1
+# to 0.4 %).
 _TYPICAL_FORM = 6e-3
 
 
@@ -64,7 +72,7 @@ class InitialValues:
     Parameters
     ----------
     rotor_free, rotor_held : float
-        Frequencies in the middle of the axis, rotor free and held, Hz.
+        Frequencies in the middle of the axis with the rotor free and with the rotor held, Hz.
     slope : float
         Relative slope of the compliance along the axis, 1/m.
     mass_over_preload, nut_over_rest, friction, weight : float
@@ -75,11 +83,12 @@ class InitialValues:
         Whether the compliance is a parabola along the axis, as for a screw with both ends fixed, and not
         nearly a line.
     form_curves : tuple of float
-        Field ``form_curve`` of AxialMode with the rotor free and held; 0 if the compliance is a parabola.
+        Field ``form_curve`` of AxialMode with the rotor free and with the rotor held, 1/m²; 0 if the
+        compliance is a parabola.
     sheet : DataSheet or None
-        Of the axis, if there is one.
+        Data sheet of the axis, if there is one.
     load : float
-        On the table, kg.
+        Load on the table, kg.
     """
 
     rotor_free: float
@@ -96,7 +105,7 @@ class InitialValues:
     load: float = 0.0
 
     def mode(self, index: int) -> AxialMode:
-        """The mode with the rotor free (0) or held (1)."""
+        """Initial mode by its index, ROTOR_FREE (0) or ROTOR_HELD (1)."""
         frequency = self.rotor_free
         if index == ROTOR_HELD:
             frequency = self.rotor_held
@@ -111,7 +120,7 @@ class InitialValues:
             weight=self.weight,
             pitch=_PITCH_RATIO * self.rotor_free,
             pitch_damping=_PITCH_DAMPING,
-            form=FORM_PRIOR[0],
+            form=FORM_MEAN,
             form_curve=self.form_curves[index],
         )
 
@@ -122,25 +131,27 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
     Parameters
     ----------
     sheet : DataSheet
-        Of the axis.
+        Data sheet of the axis.
     load : float
-        On the table, kg.
+        Load on the table, kg.
     low, high : float
-        Range of the table's motion, m.
+        Limits of the table's motion, m.
 
     Returns
     -------
     InitialValues
-        As predicted for a nut with its nominal preload.
+        Prediction for a nut with its nominal preload.
     """
     middle = (low + high) / 2
     rotor_free, at_low, at_high = predicted_frequency(sheet, [middle, low, high], load).tolist()
     # The compliance is proportional to 1/f².
-    slope = ((rotor_free / at_high) ** 2 - (rotor_free / at_low) ** 2) / (high - low)
+    relative_low, relative_high = (rotor_free / at_low) ** 2, (rotor_free / at_high) ** 2
+    slope = (relative_high - relative_low) / (high - low)
     mass = float(moving_mass(sheet, load)) + screw_part(sheet)
-    share = float(nut_share(sheet, middle))  # of the compliance
+    share = float(nut_share(sheet, middle))  # of the nut in the compliance
     mass_over_preload = mass / sheet.nominal_preload
-    curved, form_curves = sheet.support == "fixed-fixed", (0.0, 0.0)
+    curved = sheet.support == "fixed-fixed"
+    form_curves = (0.0, 0.0)
     if not curved:
         form_curves = _form_curve(sheet, load, low, high, "free"), _form_curve(sheet, load, low, high, "held")
     return InitialValues(
@@ -160,15 +171,15 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
 
 
 def _form_curve(sheet: DataSheet, load: float, low: float, high: float, rotor: Rotor) -> float:
-    """Field ``form_curve`` of AxialMode (1/m²) by a data sheet, for the range of the table's motion (m)."""
-    places = np.linspace(low, high, _FORM_PLACES)
-    compliance = 1 / predicted_frequency(sheet, places, load, rotor=rotor) ** 2  # but for a factor
-    curve, _, middle = np.polyfit(places - (low + high) / 2, compliance, 2)
+    """Field ``form_curve`` of AxialMode (1/m²) by a data sheet, for the limits of the table's motion (m)."""
+    positions = np.linspace(low, high, _FORM_POSITIONS)
+    compliance = 1 / predicted_frequency(sheet, positions, load, rotor=rotor) ** 2  # times a constant
+    curve, _, middle = np.polyfit(positions - (low + high) / 2, compliance, 2)
     return float(curve / middle)
 
 
 def typical_form_curve(low: float, high: float) -> float:
-    """Field ``form_curve`` of AxialMode (1/m²) without a data sheet, for the range of the motion (m)."""
+    """Field ``form_curve`` of AxialMode (1/m²) without a data sheet, for the limits of the motion (m)."""
     return _TYPICAL_FORM / ((high - low) / 2) ** 2
 
 
@@ -177,20 +188,20 @@ def expected_mass_over_preload(
 ) -> tuple[float, float, float]:
     """Moving mass over preload expected from the data sheet and an estimated frequency.
 
-    Before the run, the nut is sound, with its nominal preload, or worn, with equal probability. The
-    likelihood of a preload is Student's distribution of ln(estimated over predicted frequency), in units of
-    the sheet's relative uncertainty: sheets may be wrong by more than their tolerances.
+    A priori the nut is with equal probability sound, with about its nominal preload, or worn. The likelihood
+    of a preload is Student's distribution of ln(estimated over predicted frequency), in units of the relative
+    uncertainty by the data sheet: data sheets may be wrong by more than their tolerances.
 
     Parameters
     ----------
     sheet : DataSheet
-        Of the axis.
+        Data sheet of the axis.
     load : float
-        On the table, kg.
+        Load on the table, kg.
     position : float
         Axis position, m.
     frequency : float
-        Estimated there, rotor free, Hz.
+        Frequency that was estimated at this position, rotor free, Hz.
 
     Returns
     -------
@@ -207,9 +218,10 @@ def expected_mass_over_preload(
     squares = (np.log(frequency / predicted) / tolerance) ** 2
     logarithms = np.log(_PRELOAD_RATIOS)
     prior = np.zeros_like(logarithms)
-    for centre, spread in (_SOUND, _WORN):
+    for centre, spread in (_SOUND_NUT, _WORN_NUT):
         prior += np.exp(-(((logarithms - centre) / spread) ** 2) / 2) / spread
-    weights = prior * (1 + squares / _FREEDOM) ** (-(_FREEDOM + 1) / 2)  # posterior probabilities
+    # Posterior probabilities, times a constant.
+    weights = prior * (1 + squares / _FREEDOM) ** (-(_FREEDOM + 1) / 2)
     mean = float(np.average(logarithms, weights=weights))
     deviation = math.sqrt(np.average((logarithms - mean) ** 2, weights=weights))
     mass = float(moving_mass(sheet, load)) + screw_part(sheet)
@@ -221,8 +233,8 @@ def expected_mass_over_preload(
 def total_inertia(trips: Sequence[TripSignals]) -> float | None:
     """Total inertia, in units of the recorded force per m/s²; None if the trips do not determine it.
 
-    The force of the moving axis is the sum of inertia, Coulomb friction, viscous friction and an offset, with
-    four coefficients that are fitted by least squares over all trips.
+    The force on the moving axis is the sum of that of inertia, Coulomb friction, viscous friction and a
+    constant. The four coefficients are fitted by least squares over all trips.
     """
     normal_matrix, products = np.zeros((4, 4)), np.zeros(4)
     for trip in trips:
@@ -233,19 +245,23 @@ def total_inertia(trips: Sequence[TripSignals]) -> float | None:
         acceleration = np.gradient(speed) * trip.rate
         force = np.convolve(trip.force, taps, "same")
         moving = np.abs(speed) > _MOVING * np.abs(speed).max()
-        moving[: 2 * width] = moving[-2 * width :] = False  # where the smoothing lacks samples
+        # At both ends the smoothing lacks samples.
+        moving[: 2 * width] = False
+        moving[-2 * width :] = False
         rows = np.stack([acceleration, np.sign(speed), speed, np.ones_like(speed)], axis=1)[moving]
         normal_matrix += rows.T @ rows
         products += rows.T @ force[moving]
     if not np.all(np.isfinite(normal_matrix)):
         return None
-    # Trips in one direction do not separate Coulomb friction from an offset. The inertia is still determined
+    # Trips in one direction do not separate Coulomb friction from a constant. The inertia is still determined
     # if the acceleration is linearly independent of the other columns.
     rank, rank_of_others = np.linalg.matrix_rank(normal_matrix), np.linalg.matrix_rank(normal_matrix[1:, 1:])
     if rank - rank_of_others < 1:
         return None
-    mass = float(np.linalg.lstsq(normal_matrix, products, rcond=None)[0][0])
-    return mass if abs(mass) > 0 else None
+    inertia = float(np.linalg.lstsq(normal_matrix, products, rcond=None)[0][0])
+    if not abs(inertia) > 0:
+        return None
+    return inertia
 
 
 def search_frequencies(
@@ -258,7 +274,7 @@ def search_frequencies(
     Parameters
     ----------
     blocks : sequence of Block
-        Data.
+        Drives and responses.
     modes : sequence of AxialMode
         Initial modes, one per block.
     pitching : tuple of float or None
@@ -270,20 +286,21 @@ def search_frequencies(
         One per block, all with the same pitching mode.
     """
     axial = 1 / (2 * math.pi * math.sqrt(modes[0].compliance))  # Hz
-    candidates = [(ratio * axial, _PITCH_DAMPING) for ratio in _PITCH_RATIOS]
+    candidates = [(ratio * axial, _PITCH_DAMPING) for ratio in _PITCH_RATIOS]  # of the pitching mode
     if pitching is not None:
         candidates = [pitching]
-    trials = [[replace(mode, compliance=mode.compliance / s**2) for s in FREQUENCY_SCALES] for mode in modes]
-    simulations = []
-    for b, of_block in zip(blocks, trials, strict=True):
-        simulations.append([simulate(b, trial) for trial in of_block])
+    trials, simulations = [], []  # for each block, one of every frequency
+    for b, mode in zip(blocks, modes, strict=True):
+        block_trials = [replace(mode, compliance=mode.compliance / s**2) for s in FREQUENCY_SCALES]
+        trials.append(block_trials)
+        simulations.append([simulate(b, trial) for trial in block_trials])
     best_cost, best = math.inf, tuple(modes)
     for pitch, damping in candidates:
-        cost, chosen = 0.0, []
-        for b, of_block, simulated in zip(blocks, trials, simulations, strict=True):
-            pitched = [replace(trial, pitch=pitch, pitch_damping=damping) for trial in of_block]
-            remaining = _relative_powers(b, pitched, simulated)
-            cost += math.log(max(min(remaining), 1e-12))
+        cost, chosen = 0.0, []  # cost: sum of the logarithms of the least powers
+        for b, block_trials, block_simulations in zip(blocks, trials, simulations, strict=True):
+            pitched = [replace(trial, pitch=pitch, pitch_damping=damping) for trial in block_trials]
+            remaining = _relative_powers(b, pitched, block_simulations)
+            cost += math.log(max(min(remaining), 1e-12))  # a power may be 0
             chosen.append(pitched[int(np.argmin(remaining))])
         if cost < best_cost:
             best_cost, best = cost, tuple(chosen)
@@ -292,7 +309,7 @@ def search_frequencies(
 
 def _relative_powers(b: Block, modes: Sequence[AxialMode], simulations: Sequence[Simulation]) -> list[float]:
     """Part of the power of a block that each mode leaves unexplained, if every window begins at rest."""
-    no_free_vibration: NDArray[np.float64] = np.zeros((len(b.windows.place), 2))
+    no_free_vibration: NDArray[np.float64] = np.zeros((len(b.windows.centred_position), 2))
     raw = [raw_columns(b, mode, simulation) for mode, simulation in zip(modes, simulations, strict=True)]
     reference = project(b, modes[0], no_free_vibration, raw[0])
     return [remaining_power(b, columns, reference) / max(reference.total, 1e-300) for columns in raw]
@@ -302,15 +319,15 @@ def find_pitching_mode(w: Windows, low: float, high: float) -> tuple[float, floa
     """Estimate the mode in which the table pitches, from two accelerometers.
 
     Two accelerometers at different heights measure the same axial motion and different amounts of pitching.
-    Whatever moves the table, the second signal is therefore a sum of the first and of the first filtered by
-    the resonance of the pitching mode; no model of the axis is needed.
+    Whatever moves the table, the second signal is therefore a weighted sum of the first and of the first
+    filtered by the resonance of the pitching mode; no model of the axis is needed.
 
     Parameters
     ----------
     w : Windows
         Averaged windows.
     low, high : float
-        Range to search, Hz.
+        Limits of the frequencies tried, Hz.
 
     Returns
     -------
@@ -322,8 +339,9 @@ def find_pitching_mode(w: Windows, low: float, high: float) -> tuple[float, floa
         return None
     from scipy.optimize import minimize
 
-    high = min(high, 0.4 * w.rate)  # below the Nyquist frequency
-    grid = [(f, z) for f in np.geomspace(low, high, 30) for z in (0.02, 0.06)]
+    high = min(high, _HIGHEST_PITCH * w.rate)
+    frequencies = np.geomspace(low, high, _PITCH_FREQUENCIES)
+    grid = [(f, z) for f in frequencies for z in _PITCH_DAMPINGS]
     remaining = [_unexplained_by_pitching(w, f, z) for f, z in grid]
 
     def objective(logarithms: Array) -> float:
@@ -345,13 +363,14 @@ def find_pitching_mode(w: Windows, low: float, high: float) -> tuple[float, floa
 def _unexplained_by_pitching(w: Windows, frequency: float, damping: float) -> float:
     """Part of the second accelerometer's power that the first and its filtered signal do not explain.
 
-    Their derivatives stand for a delay between the accelerometers.
+    The derivatives of both account for a delay between the accelerometers. ``frequency`` (Hz) and ``damping``
+    ratio are those of the pitching mode, which filters the first signal.
     """
     first, second = w.nut[0], w.nut[1]
     filtered = np.empty(len(first))
     angular = 2 * math.pi * min(frequency, BELOW_NYQUIST * w.rate)
-    pitching_response(first, w.first, angular, damping, 1 / w.rate, filtered)
-    derivatives = [differences(values, w.first) for values in (first, filtered)]
+    pitching_response(first, w.starts, angular, damping, 1 / w.rate, filtered)
+    derivatives = [differences(values, w.starts) for values in (first, filtered)]
     columns = np.stack([first, filtered, *derivatives])[:, w.from_rest]
     target = second[w.from_rest]
     explained = orthonormaliser(columns @ columns.T, _RANK_TOLERANCE).T @ (columns @ target)

@@ -9,14 +9,17 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 
-_MOST_DAMPING = 0.9  # damping ratio: the mode stays oscillatory
+_MOST_DAMPING = 0.9  # largest damping ratio along the axis: above 1 the mode would not oscillate
 INITIAL_DAMPING = 0.03  # damping ratio at the start of a search
 
-FORM_PRIOR = 0.5, 0.5
-"""Mean and standard deviation of the field ``form`` of :class:`AxialMode` before the run.
+FORM_MEAN = 0.5
+"""Mean of the field ``form`` of :class:`AxialMode` before the run.
 
-A real screw has its mass and twist along it (1), and Eq. (3) is that of a lumped one (0): each is one
-standard deviation from the mean."""
+Mass and twist of a real screw are distributed along it (1), and Eq. (3) is that of a lumped screw (0): each
+is one standard deviation, :data:`FORM_DEVIATION`, from the mean."""
+
+FORM_DEVIATION = 0.5
+"""Standard deviation of the field ``form`` before the run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,26 +48,30 @@ class AxialMode:
     friction : float
         Friction force on the table over the moving mass, m/s².
     pitch, pitch_damping : float
-        Frequency (Hz) and damping ratio of the pitching mode of the table.
-    places, local : tuple of float
-        Positions of the stops from the middle, m, ascending, and what the local wear of each adds to the
-        smooth profile of the compliance, as a fraction of the compliance in the middle. Linear between stops;
-        empty for an axis that is worn evenly.
+        Frequency (Hz) and damping ratio of the mode in which the table pitches.
+    stops : tuple of float
+        Positions of the stops from the middle, m, ascending; empty for an axis that is worn evenly.
+    local : tuple of float
+        Compliance that local wear adds at each of ``stops``, over the compliance in the middle; linear
+        between stops.
     power : float
         Exponent of the frequency in the damping ratio along the axis: 1 for viscous damping in the springs,
         -1 for viscous damping in the guide, 0 for hysteresis.
     weight : float
         Constant force on the nut over the moving mass, m/s²: the weight of an axis that is not horizontal.
     frame, frame_damping : float
-        Frequency (Hz) and damping ratio of the machine's frame without the table.
+        Frequency (Hz) and damping ratio of the mode of the machine's frame without the table.
     coupling : float
         Moving mass over the frame's mass; 0 for a frame that does not move.
     rotor_part : float
         Factor of ``coupling``: the rotor's part of the total inertia with the rotor free, and 1 with the
         rotor held.
-    form, form_curve : float
-        Factor of ``form_curve``: 0 for a lumped screw, 1 for one whose mass and twist are distributed along
-        it as expected; and the expected curve of such a screw, 1/m².
+    form : float
+        Factor of ``form_curve``: 0 for a lumped screw, 1 for a screw whose mass and twist are distributed
+        along it as expected.
+    form_curve : float
+        Coefficient of x² (1/m²) in the relative compliance that the distribution of mass and twist is
+        expected to cause.
     """
 
     compliance: float
@@ -76,7 +83,7 @@ class AxialMode:
     friction: float
     pitch: float
     pitch_damping: float
-    places: tuple[float, ...] = ()
+    stops: tuple[float, ...] = ()
     local: tuple[float, ...] = ()
     power: float = 0.0
     weight: float = 0.0
@@ -114,17 +121,17 @@ def compliance_of(frequency: float) -> float:
     return 1 / (2 * math.pi * frequency) ** 2
 
 
-def mode_frequency(mode: AxialMode, place: Array) -> Array:
-    """Undamped natural frequency, Hz, at positions from the middle, m."""
-    compliance = mode.compliance * relative_compliance(mode, place)  # 1/w², s²
+def mode_frequency(mode: AxialMode, centred_position: Array) -> Array:
+    """Undamped natural frequency of the unloaded nut, Hz, at positions from the middle (m)."""
+    compliance = mode.compliance * relative_compliance(mode, centred_position)  # 1/w², s²
     positive = np.maximum(compliance, 1e-12)  # a trial step of the fit may be negative somewhere
     return np.asarray(1 / (2 * math.pi * np.sqrt(positive)))
 
 
-def relative_compliance(mode: AxialMode, place: Array) -> Array:
+def relative_compliance(mode: AxialMode, centred_position: Array) -> Array:
     """Compliance at positions from the middle (m), as a fraction of that in the middle."""
-    smooth = 1 + mode.slope * place + mode.whole_curve * place**2
-    return np.asarray(smooth + local_compliance(mode, place))
+    smooth = 1 + mode.slope * centred_position + mode.whole_curve * centred_position**2
+    return np.asarray(smooth + local_compliance(mode, centred_position))
 
 
 def damping_ratio(mode: AxialMode, frequency: Array) -> Array:
@@ -133,11 +140,11 @@ def damping_ratio(mode: AxialMode, frequency: Array) -> Array:
     return np.asarray(np.minimum(mode.damping * (frequency / middle) ** mode.power, _MOST_DAMPING))
 
 
-def local_compliance(mode: AxialMode, place: Array) -> Array:
+def local_compliance(mode: AxialMode, centred_position: Array) -> Array:
     """Compliance added by local wear at positions from the middle (m), over the compliance in the middle."""
     if not mode.local:
-        return np.zeros_like(place)
-    return np.asarray(np.interp(place, mode.places, mode.local))
+        return np.zeros_like(centred_position)
+    return np.asarray(np.interp(centred_position, mode.stops, mode.local))
 
 
 def coupled_poles(mode: AxialMode, frequency: Array) -> tuple[Array, Array]:
@@ -153,18 +160,19 @@ def coupled_poles(mode: AxialMode, frequency: Array) -> tuple[Array, Array]:
     Returns
     -------
     omega, damping : ndarray, shape (n, 2)
-        Angular frequencies (rad/s, ascending) and damping ratios of both modes; shape (n, 1) of the axial
-        mode alone where the frame does not move.
+        Angular frequencies (rad/s, ascending) and damping ratios of both modes. If the frame does not move,
+        those of the axial mode alone, shape (n, 1).
     """
-    blocked, zeta = 2 * math.pi * frequency, damping_ratio(mode, frequency)  # rad/s, 1
+    blocked, zeta = 2 * math.pi * frequency, damping_ratio(mode, frequency)  # rad/s, without unit
     if not mode.coupling > 0:
         return blocked[:, None], zeta[:, None]
     # Roots of (s² + D s + K)(s² + d s + k) + coupling s² (D s + K): damping and stiffness of the axis, D and
-    # K, and of the frame's mounts, d and k, each over a mass. First row of the companion matrix: minus the
-    # coefficients of s³ to s⁰.
+    # K, and of the frame's mounts, d and k, each over a mass. First row of the companion matrix: the
+    # coefficients of s³ to s⁰, with the opposite sign.
     angular = 2 * math.pi * mode.frame
-    mount_damping, mount, coupling = 2 * mode.frame_damping * angular, angular**2, mode.frame_coupling
+    mount_damping, mount = 2 * mode.frame_damping * angular, angular**2
     axis_damping, axis = 2 * zeta * blocked, blocked * blocked
+    coupling = mode.frame_coupling
     companion = np.zeros((len(blocked), 4, 4))
     companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
     companion[:, 0, 0] = -(mount_damping + axis_damping + coupling * axis_damping)

@@ -19,39 +19,45 @@ from ballscrew.modal.joint.local_wear import (
     estimate_variation,
     local_fields,
     local_priors,
-    with_places,
+    with_stops,
 )
-from ballscrew.modal.joint.mode import FORM_PRIOR, AxialMode
+from ballscrew.modal.joint.mode import FORM_DEVIATION, FORM_MEAN, AxialMode
 from ballscrew.modal.joint.parameters import FRAME_FIELDS
 from ballscrew.modal.joint.uncertainty import variance_inflation
 
-# Priors where the frame has a mode: median of a damping ratio and standard deviation of its logarithm; and
-# standard deviation of ln(frequency) of the pitching mode, whose median is the initial one.
+# Prior of the damping ratio's exponent along the axis: between hysteresis (0) and damping in the springs (1),
+# and not excluding damping in the guide (-1).
+_POWER_MEAN = 0.5
+_POWER_DEVIATION = 0.7
+
+# Priors where the frame has a mode. Of damping ratios: median, and standard deviation of the logarithm.
 _FRAME_PRIORS = {"frame_damping": (0.05, 0.9), "pitch_damping": (0.03, 0.7)}
-_PITCH_DEVIATION = 0.05
-_ROUNDS = 3  # largest number of fits, each with the inflation and local variation estimated from the previous
+_PITCH_DEVIATION = 0.05  # standard deviation of ln(pitching frequency), whose median is the initial one
+
+_ROUNDS = 3  # largest number of fits, each with inflation and local variation estimated from the previous one
 _LOCAL_ITERATIONS = 4  # largest number of iterations of a fit with local compliances
 _CONVERGED = 0.25  # change of ln(standard deviation) below which the rounds end; of ln(variance), twice that
 INITIAL_INFLATION = 1000.0
 """Result of :func:`~ballscrew.modal.joint.uncertainty.variance_inflation` assumed in the first fit.
 
-Large, so that the data sheet's mass over preload dominates until the scatter of the cells is known."""
+Large, so that the priors, such as that of mass over preload, dominate until the scatter of the cells is
+known."""
 
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """Which parameters of the mode along the axis are fitted.
+    """Choice of the parameters of the mode along the axis that are fitted, and their priors.
 
     Parameters
     ----------
     curved : bool
-        Whether the compliance is a parabola along the axis, and not a line.
+        Whether the compliance is a parabola along the axis, and not nearly a line.
     mass_over_preload, load_deviation, least_mass_over_preload : float
         Results of :func:`~ballscrew.modal.joint.initial.expected_mass_over_preload`: value (kg/N), standard
         deviation of its logarithm, and lower limit (kg/N); 0 without a data sheet.
     pitch : float
-        Of an axis with a mode of the frame: initial frequency of the pitching mode, Hz, which is then fitted
-        too. 0 without such a mode.
+        Initial frequency of the pitching mode, Hz, for an axis with a mode of the frame: both are then
+        fitted. 0 without a mode of the frame.
     """
 
     curved: bool
@@ -77,13 +83,11 @@ class Profile:
     def priors(self, inflation: float) -> list[Prior]:
         """Priors of mass over preload, of the damping ratio's exponent, of the form, and of a frame's mode.
 
-        The exponent is 0.5 ± 0.7, between hysteresis (0) and damping in the springs (1); it can be that of
-        damping in the guide (-1). ``inflation`` is a result of
-        :func:`~ballscrew.modal.joint.uncertainty.variance_inflation`.
+        ``inflation`` is a result of :func:`~ballscrew.modal.joint.uncertainty.variance_inflation`.
         """
-        out = [Prior((("power", 1.0),), 0.5, 0.7)]
+        out = [Prior((("power", 1.0),), _POWER_MEAN, _POWER_DEVIATION)]
         if not self.curved:
-            out.append(Prior((("form", 1.0),), FORM_PRIOR[0], self.scaled(FORM_PRIOR[1], inflation)))
+            out.append(Prior((("form", 1.0),), FORM_MEAN, self.scaled(FORM_DEVIATION, inflation)))
         if self.mass_over_preload > 0:
             deviation = self.scaled(self.load_deviation, inflation)
             load = Prior((("mass_over_preload", 1.0),), math.log(self.mass_over_preload), deviation)
@@ -96,11 +100,11 @@ class Profile:
 
     @staticmethod
     def scaled(deviation: float, inflation: float) -> float:
-        """Standard deviation of a prior, in proportion to the weight of the data.
+        """Standard deviation of a prior, adapted to the weight of the data.
 
         A fit takes its residuals for white noise, and so gives the data too much weight by the factor
         ``inflation``. The information of the prior is multiplied by the same factor: by
-        SAMPLES_PER_INDEPENDENT in the fit, and by the rest here.
+        SAMPLES_PER_INDEPENDENT in the fit, and by ``inflation`` / SAMPLES_PER_INDEPENDENT here.
         """
         return deviation * math.sqrt(SAMPLES_PER_INDEPENDENT / inflation)
 
@@ -123,15 +127,15 @@ def fit_profile(
     Parameters
     ----------
     blocks : sequence of Block
-        Data.
+        Drives and responses.
     modes : tuple of AxialMode
-        Initial modes, by the index ROTOR_FREE or ROTOR_HELD.
+        Initial modes. That of a block is the element ROTOR_FREE (0) or ROTOR_HELD (1).
     profile : Profile
         Which parameters are fitted.
     variation : LocalVariation
         Local variation estimated so far.
     most_steps : int
-        Upper limit of the iterations.
+        Upper limit of the iterations of a fit of the smooth profile.
 
     Returns
     -------
@@ -141,19 +145,19 @@ def fit_profile(
         The local variation assumed in its priors, with the inflation assumed in the others.
     """
     w = blocks[0].windows
-    places = tuple(sorted({cell.position - w.middle for cell in w.cells}))
-    # The parameter whose scatter shows the weight of the data: a run without a data sheet has a form.
-    shown_by = "form"
+    stops = tuple(sorted({cell.position - w.middle for cell in w.cells}))
+    # Parameter by whose scatter the inflation is estimated; without it the initial one is assumed.
+    reference = "form"
     if profile.mass_over_preload > 0:
-        shown_by = "mass_over_preload"
+        reference = "mass_over_preload"
     inflation = INITIAL_INFLATION
     for _ in range(_ROUNDS):
         assumed, assumed_inflation = variation, inflation
-        now = _fit_once(blocks, modes, profile, places, assumed, inflation, most_steps)
+        now = _fit_once(blocks, modes, profile, stops, assumed, inflation, most_steps)
         modes = now.modes
-        if shown_by in profile.fields:
-            inflation = variance_inflation(now, now.parameters.index((shown_by, None)))
-        variation = _variation(now, places, assumed, profile.curved)
+        if reference in profile.fields:
+            inflation = variance_inflation(now, now.parameters.index((reference, None)))
+        variation = _variation(now, stops, assumed, profile.curved)
         local_settled = variation.spread == 0 or _change(variation.spread, assumed.spread) < _CONVERGED
         if local_settled and _change(inflation, assumed_inflation) < 2 * _CONVERGED:
             break
@@ -164,28 +168,28 @@ def _fit_once(
     blocks: Sequence[Block],
     modes: tuple[AxialMode, ...],
     profile: Profile,
-    places: tuple[float, ...],
+    stops: tuple[float, ...],
     variation: LocalVariation,
     inflation: float,
     most_steps: int,
 ) -> JointFit:
-    """One fit, with local compliances if the spread of the variation is not zero."""
+    """Fit the profile, with local compliances if the spread of the variation is not zero."""
     if variation.spread == 0:
-        smooth = tuple(replace(mode, places=(), local=()) for mode in modes)
+        smooth = tuple(replace(mode, stops=(), local=()) for mode in modes)
         return fit_blocks(blocks, smooth, profile.fields, profile.priors(inflation), most_steps=most_steps)
     if not modes[0].local:
-        modes = with_places(modes, places)
-    fields = profile.fields + local_fields(places)
-    priors = profile.priors(inflation) + local_priors(variation, places, profile.curved)
+        modes = with_stops(modes, stops)
+    fields = profile.fields + local_fields(stops)
+    priors = profile.priors(inflation) + local_priors(variation, stops, profile.curved)
     return fit_blocks(blocks, modes, fields, priors, most_steps=_LOCAL_ITERATIONS)
 
 
 def _variation(
-    now: JointFit, places: tuple[float, ...], assumed: LocalVariation, curved: bool
+    now: JointFit, stops: tuple[float, ...], assumed: LocalVariation, curved: bool
 ) -> LocalVariation:
-    """The local variation estimated from a fit for which ``assumed`` was assumed."""
+    """Local variation estimated from a fit for which ``assumed`` was assumed."""
     if assumed.spread == 0:
-        now = with_local_parameters(now, with_places(now.modes, places), local_fields(places))
+        now = with_local_parameters(now, with_stops(now.modes, stops), local_fields(stops))
     return estimate_variation(now, curved)
 
 

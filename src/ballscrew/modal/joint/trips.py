@@ -1,4 +1,4 @@
-"""Comparison of the trips of a run: their average is a state of the axis only if they agree."""
+"""Comparison of the trips of a run: their average describes a state of the axis only if they agree."""
 
 from __future__ import annotations
 
@@ -9,22 +9,29 @@ from dataclasses import dataclass, replace
 from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.joint.blocks import make_block
 from ballscrew.modal.joint.fit import JointFit, fit_blocks
-from ballscrew.modal.joint.ripple import Force, forces_along
+from ballscrew.modal.joint.ripple import ForceOrders, forces_along
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.uncertainty import parameter_deviation
 from ballscrew.modal.joint.windows import average_windows, subset
 from ballscrew.modal.reason import Reason
 
-_STEPS = 2  # steps of a fit, which begins with the mode of the run: trips of the same state differ little
-# Least difference of a trip from the others that is reported: over its standard uncertainty, and over the
-# frequency.
-_CLEAR = 4.0
-_LEAST_DIFFERENCE = 0.003
+_STEPS = 2  # steps of a fit that begins with the mode of the run: trips of the same state differ little
+# A trip that differs from the others is reported if its difference exceeds both of these.
+_CLEAR = 4.0  # over the standard uncertainty of the difference
+_LEAST_DIFFERENCE = 0.003  # over the frequency
 
 
 @dataclass(frozen=True, slots=True)
 class TripShift:
-    """Frequency of one trip less that of the run, as a fraction, with its standard uncertainty."""
+    """Difference of the frequency of one trip from that of the run.
+
+    Parameters
+    ----------
+    name : str
+        Name of the trip.
+    shift, uncertainty : float
+        Frequency of the trip less that of the run, and its standard uncertainty, over the frequency.
+    """
 
     name: str
     shift: float
@@ -35,32 +42,35 @@ def trip_shifts(
     trips: Sequence[TripSignals],
     transients: Sequence[TransientRow],
     inertia: float,
-    found: JointFit,
-    forces: Force,
+    run_fit: JointFit,
+    orders: ForceOrders,
 ) -> tuple[TripShift, ...]:
-    """Fit the compliance of every trip alone to the first block, in motion; all else is as in the run.
+    """Estimate the frequency of every trip alone.
+
+    The compliance is fitted to the first block of some of the cells, in motion; all else is as in the fit of
+    the run.
 
     Parameters
     ----------
     trips : sequence of TripSignals
-        The run.
+        Decimated recordings of the run.
     transients : sequence of TransientRow
-        Complete ones.
+        Complete transients; the file of each is the index of its trip.
     inertia : float
         Total inertia, in units of force per m/s².
-    found : JointFit
+    run_fit : JointFit
         The final fit of the run.
-    forces : Force
-        Ripple and balls in this fit.
+    orders : ForceOrders
+        Orders of the forces in this fit.
 
     Returns
     -------
     tuple of TripShift
-        Of each trip with enough transients; none for a run of one trip.
+        One for each trip with enough transients; empty for a run of one trip.
     """
     if len(trips) < 2:
         return ()
-    first, mode = found.blocks[0], found.modes[0]
+    first, mode = run_fit.blocks[0], run_fit.modes[0]
     band, middle = first.windows.band, first.windows.middle
     out = []
     for number, trip in enumerate(trips):
@@ -69,9 +79,11 @@ def trip_shifts(
         if w is None:
             continue
         w = subset(w)
-        w = replace(w, place=w.place + w.middle - middle, middle=middle)  # positions as in the run
-        ripple, balls = forces_along([trip], w, forces)
-        block = replace(make_block(first.name, w, ripple=ripple, balls=balls), filter=first.filter)
+        # Positions from the middle of the run, and not of this trip.
+        centred_position = w.centred_position + w.middle - middle
+        w = replace(w, centred_position=centred_position, middle=middle)
+        ripple, balls = forces_along([trip], w, orders)
+        block = replace(make_block(first.name, w, ripple=ripple, balls=balls), taps=first.taps)
         fit = fit_blocks((block,), (mode,), ("compliance",), most_steps=_STEPS)
         # The frequency is proportional to 1/√compliance.
         shift = -math.log(fit.modes[0].compliance / mode.compliance) / 2
@@ -81,7 +93,7 @@ def trip_shifts(
 
 
 def disagreement(shifts: Sequence[TripShift]) -> Reason | None:
-    """The reason to be suspect, if a trip differs clearly from the mean of the others; otherwise None.
+    """Reason to make the cells suspect, if a trip differs clearly from the mean of the others; else None.
 
     An error of the model is common to all trips and cancels in the difference.
     """
@@ -91,8 +103,8 @@ def disagreement(shifts: Sequence[TripShift]) -> Reason | None:
         if not others:
             return None
         mean = sum(other.shift for other in others) / len(others)
-        of_mean = math.sqrt(sum(other.uncertainty**2 for other in others)) / len(others)
-        difference, u = trip.shift - mean, math.hypot(trip.uncertainty, of_mean)
+        mean_uncertainty = math.sqrt(sum(other.uncertainty**2 for other in others)) / len(others)
+        difference, u = trip.shift - mean, math.hypot(trip.uncertainty, mean_uncertainty)
         if abs(difference) > max(_CLEAR * u, _LEAST_DIFFERENCE):
             differing.append(f"{trip.name} by {100 * difference:+.1f} ± {100 * u:.1f} %")
     if not differing:

@@ -34,11 +34,14 @@ from ballscrew.modal.run import FrameMode
 _SUSPECT_UNCERTAINTY = 0.003  # standard uncertainty over the frequency
 _SUSPECT_LOAD = 2.0  # load on the nut over its preload
 
-# Least number of repetitions: with fewer, errors common to all cells of a repetition are not in the scatter.
+# A cell with fewer repetitions is suspect: errors common to all cells of a repetition are not in the scatter.
 _REPETITIONS = 3
-_LEAST_DAMPING, _MOST_DAMPING = 0.004, 0.25  # limits of the damping ratio of an axial mode
-# Limits of the mode's frequency, over the lower and over the upper limit of the band.
-_EDGE_LOW, _EDGE_HIGH = 1.05, 0.8
+# Limits of the damping ratio of an axial mode.
+_LEAST_DAMPING = 0.004
+_MOST_DAMPING = 0.25
+# Limits of the mode's frequency at both ends of the axis.
+_EDGE_LOW = 1.05  # over the lower limit of the band
+_EDGE_HIGH = 0.8  # over the upper limit of the band
 
 # A force at the motor that was not measured, or a disturbed torque signal: much of the nut's response is
 # unexplained by the torque, and nearly all of it is explained by the motor's own motion. Parts of the power
@@ -51,14 +54,14 @@ _TONE_DAMPING = 0.015
 # Power of the response to ripple over that to the torque, from which on all cells are suspect.
 _MOST_RIPPLE = 1.0
 
-# Largest difference between the frequencies at a stop by the motor's response and by the nut's, over the
-# standard uncertainty of the result, and over that of the difference: suspect where both are exceeded. The
-# first ratio is 2.6 at most on the bench, on 33 good random axes and on twelve of them at 0.6 of their
-# preload. On another axis it is 2.8, and the true values lie outside the intervals in 18 of 40 cells. With
-# both sensors loose, their mounts at 1.2 to 1.4 times the axial mode, it is 2.7 to 4.8 in the five runs (of
-# 22, on ten axes and the bench) in which they would lie outside intervals called good, and the second ratio
-# is 3.6 at least.
-_DIFFERENCE, _CLEAR_DIFFERENCE = 2.75, 3.0
+# All cells are suspect if, at a stop, the frequency by the motor's response differs from that by the nut's by
+# more than both of these. The first ratio is 2.6 at most on the bench, on 33 good random axes and on twelve
+# of them at 0.6 of their preload. On another axis it is 2.8, and the true values lie outside the intervals in
+# 18 of 40 cells. With both sensors loose, their mounts at 1.2 to 1.4 times the axial mode, it is 2.7 to 4.8
+# in the five runs (of 22, on ten axes and the bench) in which the true values would lie outside the intervals
+# of good cells, and the second ratio is 3.6 at least.
+_DIFFERENCE = 2.75  # over the standard uncertainty of the result
+_CLEAR_DIFFERENCE = 3.0  # over the standard uncertainty of the difference
 
 _ONCE = Reason(
     "few-repetitions",
@@ -79,21 +82,21 @@ _MOVED_BY_RIPPLE = Reason(
 def refused_run(
     transients: Sequence[TransientRow], reason: Reason, ripple: Sequence[RippleOrder] = ()
 ) -> JointResult:
-    """Every cell of a run, refused for one reason.
+    """Refuse every cell of a run for one reason.
 
     Parameters
     ----------
     transients : sequence of TransientRow
-        The run.
+        Transients of the run.
     reason : Reason
         Why all cells are refused.
     ripple : sequence of RippleOrder
-        Orders found; their amplitudes are not reported.
+        Orders that were found; their amplitudes are not reported.
 
     Returns
     -------
     JointResult
-        Without frequencies.
+        All cells of the transients, without frequencies.
     """
     counts = Counter(transient.key for transient in transients)
     cells = tuple(CellResult.refused(key, counts[key], METHOD, (reason,)) for key in sorted(counts))
@@ -107,14 +110,14 @@ def joint_result(
     settings: JointSettings,
     rounding: float = 0.0,
 ) -> JointResult:
-    """Every cell of a run, with its frequency and uncertainty or the reason for its refusal.
+    """Report every cell of a run, with its frequency and uncertainty or the reason for its refusal.
 
     Parameters
     ----------
     found : SearchResult
         The final fit.
     transients : sequence of TransientRow
-        The run.
+        Transients of the run.
     settings : JointSettings
         Settings of the method.
     rounding : float
@@ -131,7 +134,7 @@ def joint_result(
         return refused_run(transients, differing or refusal, found.ripple)
     fit, w = found.fit, found.fit.blocks[0].windows
     frequencies = estimate_frequencies(found, settings, rounding)
-    relative_uncertainty = frequencies.uncertainty / frequencies.free
+    relative_uncertainty = frequencies.uncertainty / frequencies.rotor_free
     uncertain = relative_uncertainty > settings.most_uncertainty
     overloaded = frequencies.nut_load > settings.most_load
     refused = uncertain | overloaded
@@ -161,12 +164,12 @@ def joint_result(
 
 
 def _frame_mode(found: SearchResult) -> FrameMode | None:
-    """Mode of the frame that was fitted with the axial one; None if there is none."""
+    """Mode of the frame that was fitted with the axial one; None if none was."""
     if found.frame is None:
         return None
     fit, mode = found.fit, found.fit.modes[0]
     relative_deviation = parameter_deviation(fit, fit.parameters.index(("frame", None)))
-    mass_ratio = None  # without the rotor-held mode, the rotor's factor of the coupling is not known
+    mass_ratio = None  # without the rotor-held mode, the factor ``rotor_part`` of the coupling is not known
     if any(b.mode_index == ROTOR_HELD for b in fit.blocks):
         mass_ratio = 1 / mode.coupling
     # The log residual is a sum over the blocks: geometric mean of the ratios of their rms residuals.
@@ -184,26 +187,27 @@ def _frame_mode(found: SearchResult) -> FrameMode | None:
 def _cell_results(
     found: SearchResult, frequencies: CellFrequencies, refused: NDArray[np.bool_], settings: JointSettings
 ) -> dict[CellKey, CellResult]:
-    """Results of the cells that have a window."""
+    """Results of the cells that have a window; ``refused``, shape (cells,), are those that are refused."""
     fit = found.fit
     w, mode = fit.blocks[0].windows, fit.modes[0]
-    # Deviation from the smooth profile: that from the fitted profile, plus the effect of local wear in it.
+    # Deviation from the smooth profile: that from the fitted profile, and the effect of local wear in the
+    # latter.
     deviation, deviation_uncertainty = cell_deviations(fit, 0)
-    smooth = replace(mode, places=(), local=())
+    smooth = replace(mode, stops=(), local=())
     deviation = deviation + mode_frequency(mode, w.stops) - mode_frequency(smooth, w.stops)
-    damping = damping_ratio(mode, frequencies.free)
-    of_run = _run_reasons(found, frequencies)
+    damping = damping_ratio(mode, frequencies.rotor_free)
+    run_reasons = _run_reasons(found, frequencies)
     out = {}
     for i, key in enumerate(w.cells):
         repetitions = len(w.pieces[i])
         reasons = _cell_reasons(frequencies, i, settings)
         if repetitions < _REPETITIONS:
             reasons.append(_ONCE if repetitions == 1 else _TWICE)
-        reasons += of_run
+        reasons += run_reasons
         values: dict[str, Any] = {"nut_load_over_preload": float(frequencies.nut_load[i])}
         if not refused[i]:
             values["verdict"] = "suspect" if reasons else "good"
-            values["frequency_Hz"] = float(frequencies.free[i])
+            values["frequency_Hz"] = float(frequencies.rotor_free[i])
             values["standard_uncertainty_Hz"] = float(frequencies.uncertainty[i])
             values["damping_ratio"] = float(damping[i])
             if np.isfinite(frequencies.rotor_held_uncertainty[i]):
@@ -212,7 +216,7 @@ def _cell_results(
             if not w.reversing[i]:
                 values["deviation_Hz"] = float(deviation[i])
                 values["deviation_standard_uncertainty_Hz"] = float(deviation_uncertainty[i])
-        terms = {term.name: float(term.size[i]) for term in frequencies.terms}
+        terms = {term.name: float(term.standard_uncertainty[i]) for term in frequencies.terms}
         refusal = CellResult.refused(key, repetitions, METHOD, reasons)
         out[key] = replace(refusal, uncertainty_terms_Hz=terms, **values)
     return out
@@ -221,7 +225,7 @@ def _cell_results(
 def _shared_errors(
     frequencies: CellFrequencies, order: Sequence[CellKey], accepted: dict[CellKey, int]
 ) -> tuple[SharedError, ...]:
-    """Effects (Hz) of every independent cause on the cells in the given order; 0 for refused cells.
+    """Effects (Hz) of every independent cause on the cells in the given order; 0 for cells that are refused.
 
     ``accepted`` is the index of each accepted cell among those with a window.
     """
@@ -235,9 +239,9 @@ def _shared_errors(
 
 
 def _cell_reasons(frequencies: CellFrequencies, cell: int, settings: JointSettings) -> list[Reason]:
-    """Reasons for a cell, given by its index, to be suspect or refused; that of the load on the nut first."""
+    """Reasons for a cell, given by its index, to be suspect or refused; the load on the nut comes first."""
     load, u = float(frequencies.nut_load[cell]), float(frequencies.uncertainty[cell])
-    f = float(frequencies.free[cell])
+    f = float(frequencies.rotor_free[cell])
     reasons = []
     if load > min(_SUSPECT_LOAD, settings.most_load):
         kind: ReasonKind = "nearly-unloaded"
@@ -254,12 +258,14 @@ def _cell_reasons(frequencies: CellFrequencies, cell: int, settings: JointSettin
 
 
 def _reason_of_worst_cell(frequencies: CellFrequencies, settings: JointSettings) -> Reason:
-    """Reason to refuse the cell that exceeds a limit most."""
+    """Reason to refuse the cell that exceeds a limit by the largest factor."""
     by_load = frequencies.nut_load / settings.most_load
-    by_uncertainty = frequencies.uncertainty / frequencies.free / settings.most_uncertainty
+    by_uncertainty = frequencies.uncertainty / frequencies.rotor_free / settings.most_uncertainty
     worst = int(np.argmax(np.maximum(by_load, by_uncertainty)))
     reasons = _cell_reasons(frequencies, worst, settings)
-    return reasons[0 if by_load[worst] >= by_uncertainty[worst] else -1]
+    if by_load[worst] >= by_uncertainty[worst]:
+        return reasons[0]  # that of the load
+    return reasons[-1]  # that of the uncertainty
 
 
 def _run_reasons(found: SearchResult, frequencies: CellFrequencies) -> list[Reason]:
@@ -284,12 +290,13 @@ def _run_reasons(found: SearchResult, frequencies: CellFrequencies) -> list[Reas
 
 
 def _other_nut(found: SearchResult, frequencies: CellFrequencies) -> Reason | None:
-    """The reason, if the expected load on the nut unloads it, and is much larger than the fitted one.
+    """The reason, if the expected load unloads the nut, and is much larger than the fitted one.
 
     The load is expected from data sheet and frequency. A nut softens until the load unloads it and stiffens
-    beyond, so two loads over preload can explain the responses about equally well. If the fit found the wrong
-    one, the frequencies of all cells have errors, since they lie on the same curve. The load by the run is
-    not lower than by the data sheet's lower limit, so the expected one is rather too high, never too low.
+    beyond, so two ratios of load to preload can explain the responses about equally well. If the fit found
+    the wrong ratio, the frequencies of all cells have errors, since they lie on the same curve. The load by
+    the run is not lower than by the data sheet's lower limit, so the expected load, which is computed from
+    it, is not too low.
     """
     fitted, highest = found.fit.modes[0].mass_over_preload, float(frequencies.nut_load.max())
     if not fitted > 0:
@@ -305,7 +312,7 @@ def _other_nut(found: SearchResult, frequencies: CellFrequencies) -> Reason | No
 
 
 def _responses_differ(fit: JointFit, frequencies: CellFrequencies) -> Reason | None:
-    """The reason, if the frequencies by motor and nut differ by more than the uncertainty of the result."""
+    """The reason, if the frequencies by motor and nut differ by more than their uncertainties explain."""
     compared = response_difference(fit)
     if compared is None:
         return None
@@ -314,7 +321,7 @@ def _responses_differ(fit: JointFit, frequencies: CellFrequencies) -> Reason | N
     worst = int(np.argmax(np.abs(difference) / limit))
     if not abs(difference[worst]) > limit[worst]:
         return None
-    to_percent = 100 / frequencies.free[worst]
+    to_percent = 100 / frequencies.rotor_free[worst]
     text = (
         f"the frequency by the motor's response differs from that by the nut's by up to "
         f"{to_percent * difference[worst]:+.2f} ± {to_percent * deviation[worst]:.2f} %: is a sensor loose, "
@@ -325,12 +332,12 @@ def _responses_differ(fit: JointFit, frequencies: CellFrequencies) -> Reason | N
 
 def _moved_by_ripple(fit: JointFit) -> bool:
     """True if ripple and passing balls move the axis more than the torque does."""
-    # The last columns are the ripple in the band, and the response of the mode to it.
-    solved, count = fit.solved[0], 2 * fit.blocks[0].ripple.shape[1]
+    # The last columns are the ripple in the band, then the response of the mode to it.
+    projection, count = fit.projections[0], 2 * fit.blocks[0].ripple.shape[1]
     if count == 0:
         return False
-    by_ripple = float(np.sum((solved.columns[:, -count:] @ solved.weights[-count:]) ** 2))
-    by_torque = float(np.sum((solved.columns[:, :-count] @ solved.weights[:-count]) ** 2))
+    by_ripple = float(np.sum((projection.columns[:, -count:] @ projection.weights[-count:]) ** 2))
+    by_torque = float(np.sum((projection.columns[:, :-count] @ projection.weights[:-count]) ** 2))
     return by_ripple >= _MOST_RIPPLE * by_torque
 
 
@@ -349,10 +356,10 @@ def _unmeasured_force(fit: JointFit) -> Reason | None:
 
 
 def _run_refusal(found: SearchResult, settings: JointSettings) -> Reason | None:
-    """The reason to refuse a whole run; None if the run is accepted."""
+    """The reason to refuse all cells of a run; None if there is none."""
     fit = found.fit
     mode, w = fit.modes[0], fit.blocks[0].windows
-    unexplained = fit.solved[0].unexplained
+    unexplained = fit.projections[0].unexplained
     if not math.isfinite(unexplained):
         return Reason("no-mode", "a mode along the axis explains only 0 % of the response in the band")
     if unexplained > settings.most_unexplained:
@@ -360,7 +367,7 @@ def _run_refusal(found: SearchResult, settings: JointSettings) -> Reason | None:
         return Reason(
             "no-mode", f"a mode along the axis explains only {share:.0f} % of the response in the band"
         )
-    ends = mode_frequency(mode, np.array([w.place.min(), w.place.max()]))
+    ends = mode_frequency(mode, np.array([w.centred_position.min(), w.centred_position.max()]))
     if not (ends > _EDGE_LOW * w.band.low).all() or not (ends < _EDGE_HIGH * w.band.high).all():
         text = f"the mode found, {ends.min():.0f} to {ends.max():.0f} Hz, lies at the edge of the search band"
         return Reason("no-mode", text)
@@ -368,7 +375,7 @@ def _run_refusal(found: SearchResult, settings: JointSettings) -> Reason | None:
         text = f"the mode found has a damping ratio of {mode.damping:.2f}: too high for a resonance"
         return Reason("no-mode", text)
     unmeasured_force = _unmeasured_force(found.unwhitened)
-    largely = found.unwhitened.solved[0].unexplained > _MOST_UNEXPLAINED
+    largely = found.unwhitened.projections[0].unexplained > _MOST_UNEXPLAINED
     if unmeasured_force is not None and (largely or mode.damping < _TONE_DAMPING):
         return unmeasured_force
     if mode.damping < _LEAST_DAMPING:

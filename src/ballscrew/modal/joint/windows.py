@@ -1,8 +1,8 @@
 """One window of signals for each cell: its transients of all trips, aligned and averaged.
 
-All channels of a trip are shifted by the same time, so force, motor and table are related in the average as
-in each trip. Noise differs from trip to trip: an average over n trips contains 1/n of its power, and 1/n of
-the bias that arises where the servo feeds noise back into the torque.
+All channels of a trip are shifted by the same time, so the relation between force, motor and table is the
+same in the average as in each trip. Noise differs from trip to trip: an average over n trips contains 1/n of
+its power, and 1/n of the bias that arises because the servo feeds noise back into the torque.
 """
 
 from __future__ import annotations
@@ -25,24 +25,26 @@ from ballscrew.modal.joint.signals import TripSignals, position_range
 BEFORE = 0.025  # from the start of a window to the start of its acceleration phase
 AFTER = 0.16  # from the end of the phase to the end of the window, at most
 _GAP = 0.005  # from the end of a window to the next phase, at least
-_LARGEST_SHIFT = 0.004  # largest error of a phase's start as found in the position
-_ZERO_FORCE = 0.003  # at the start of a window: the mean force of this time is subtracted
-_FILTER_SETTLES = 0.008  # at the start of a window: not fitted, since the band's filter settles
+_LARGEST_SHIFT = 0.004  # largest error of the start of a phase, which is found in the position
+_ZERO_FORCE = 0.003  # at the start of a window, over which the force is averaged: this mean is subtracted
+_FILTER_SETTLES = 0.008  # at the start of a window, not fitted: the filter of the band settles
 _AFTER_SLIP = 0.005  # from the first sample in which the table slides to the first that is fitted
 _LEAST_COUNTED = 0.02  # shortest fitted part of a window
 _SHORTER = 0.02  # by which the window of a transient may be shorter than the median of its cell
 
-_FOR_DERIVATIVES = 2  # samples of a window after the last one that is fitted: for second derivatives there
+_FOR_DERIVATIVES = 2  # samples of a window after the last fitted one, for the second derivatives there
 
 # Effects of the next three on the frequency: docs/explanation/identification.md, "Why the model has these
 # parts".
 _SLIDING = 0.02  # m/s: below it friction still falls from its static to its sliding value
-_SLIDING_PART = 0.25  # of the highest speed: the limit for motions slower than 0.08 m/s
+_SLIDING_PART = 0.25  # over the highest speed: replaces _SLIDING in motions slower than 0.08 m/s
 _STANDSTILL = 2e-3  # m/s: below it the guide may hold the table by static friction
 
-_LARGEST_DEVIATION = 0.05  # rms deviation of a trip's speed from the median of the trips, over the peak speed
-_LEAST_SUBSET = 12  # cells: about so many are in a subset
-_HIGHEST = 0.42  # highest upper limit of a band, over the sampling rate
+# Largest rms deviation of the speed in a transient from the median of its cell, over the peak speed: a
+# transient that deviates more is not averaged.
+_LARGEST_DEVIATION = 0.05
+_SUBSET_CELLS = 12  # approximate number of cells in a subset
+_HIGHEST = 0.42  # highest upper limit of a band, over the sampling rate: below half of it
 _CONDITIONS = [str(condition) for condition in Condition]  # in the order in which cells are sorted
 
 _FORCE, _SPEED, _NUT = 0, 3, 6  # rows of the averaged channels
@@ -50,7 +52,7 @@ _FORCE, _SPEED, _NUT = 0, 3, 6  # rows of the averaged channels
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Band-pass filter of the frequencies that are fitted, as second-order sections.
+    """Band-pass filter for the frequencies that are fitted, as second-order sections.
 
     Parameters
     ----------
@@ -72,7 +74,10 @@ class Band:
 
 
 def band_filter(low: float, high: float, rate: float) -> Band:
-    """Butterworth high-pass and low-pass of second order at the two limits of a band (Hz)."""
+    """Butterworth high-pass and low-pass of second order at the two limits of a band (Hz).
+
+    The upper limit is lowered if the sampling rate (Hz) is too low for it.
+    """
     from scipy.signal import butter
 
     high = min(high, _HIGHEST * rate)
@@ -90,17 +95,19 @@ class CellWindow(NamedTuple):
     cell : CellKey
         The cell.
     channels : ndarray, shape (6 + responses, n)
-        Rows: force, motor, place, speed, force_band, motor_band and each response, as in :class:`Windows`.
+        Rows: force, motor, centred_position, speed, force_band, motor_band and each response, as in
+        :class:`Windows`.
     from_rest, in_motion : ndarray of bool, shape (n,)
         As in :class:`Windows`.
     length : int
-        Samples of the window before its end, of which nothing is fitted, was cut off.
+        Number of samples of the window before its end, in which nothing is fitted, was cut off.
     direction : float
         +1 or -1, the direction of motion.
     reversing : bool
         Whether the table departs against the direction in which it arrived: the guide then sticks longer.
     pieces : tuple of (trip, first sample) pairs
-        The pieces of the recordings that were averaged: index of the trip, and of its first sample.
+        The pieces of the recordings that were averaged: index of the trip, and index of the first sample in
+        its channels.
     """
 
     cell: CellKey
@@ -115,7 +122,7 @@ class CellWindow(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Windows:
-    """Averaged windows of all cells of a run, concatenated.
+    """Averaged windows of all cells of a run, concatenated; in this package a variable ``w`` is one of these.
 
     Parameters
     ----------
@@ -124,26 +131,28 @@ class Windows:
     band : Band
         Filter of the signals in the band.
     middle : float
-        Middle of the axis, m.
-    separate : tuple of CellWindow
+        Position in the middle of the motion of all trips, m.
+    cell_windows : tuple of CellWindow
         The same windows before concatenation.
     cells, reversing, pieces : tuple
-        Of each window, as in :class:`CellWindow`.
-    first : ndarray, shape (cells + 1,)
-        First sample of each window, and the end of the last.
+        Those of each window, as in :class:`CellWindow`.
+    starts : ndarray, shape (cells + 1,)
+        Index of the first sample of each window, and the number of samples.
     from_rest : ndarray of bool, shape (n,)
-        Samples that may be fitted, including a departure from its standstill on.
+        Samples that may be fitted; those of a departure from standstill on.
     in_motion : ndarray of bool, shape (n,)
-        The same without the samples of a departure before the table slides.
+        The same, but those of a departure only after the table has begun to slide.
     lengths : ndarray, shape (cells,)
-        Samples of each window before its end, of which nothing is fitted, was cut off. The mean square of a
-        residual, and so the weight of a block, refers to this number.
+        Number of samples of each window before its end, in which nothing is fitted, was cut off. The mean
+        square of a residual, and so the weight of a block, refers to this number.
     direction : ndarray, shape (n,)
         +1 or -1, the direction of motion of the window.
     force : ndarray, shape (n,)
         Force over total inertia, m/s², less its mean at the start of each window.
-    motor, place, speed : ndarray, shape (n,)
-        Acceleration (m/s²), position from ``middle`` (m) and speed (m/s), from the motor's encoder.
+    motor : ndarray, shape (n,)
+        Acceleration of the motor, referred to the table, m/s².
+    centred_position, speed : ndarray, shape (n,)
+        Position from ``middle`` (m) and speed (m/s) of the table by the motor's encoder.
     force_band, motor_band : ndarray, shape (n,)
         ``force`` and ``motor`` after the filter of the band, m/s².
     nut : ndarray, shape (responses, n)
@@ -153,18 +162,18 @@ class Windows:
     rate: float
     band: Band
     middle: float
-    separate: tuple[CellWindow, ...]
+    cell_windows: tuple[CellWindow, ...]
     cells: tuple[CellKey, ...]
     reversing: tuple[bool, ...]
     pieces: tuple[tuple[tuple[int, int], ...], ...]
-    first: NDArray[np.int64]
+    starts: NDArray[np.int64]
     from_rest: NDArray[np.bool_]
     in_motion: NDArray[np.bool_]
     lengths: NDArray[np.int64]
     direction: Array
     force: Array
     motor: Array
-    place: Array
+    centred_position: Array
     speed: Array
     force_band: Array
     motor_band: Array
@@ -172,12 +181,12 @@ class Windows:
 
     @property
     def spans(self) -> list[tuple[int, int]]:
-        """Index of the first sample of each window, and of the sample after its last."""
-        return list(zip(self.first[:-1].tolist(), self.first[1:].tolist(), strict=True))
+        """Index of the first sample of each window, and index of the sample after its last."""
+        return list(zip(self.starts[:-1].tolist(), self.starts[1:].tolist(), strict=True))
 
     @property
     def stops(self) -> Array:
-        """Nominal position of each cell from the middle, m."""
+        """Nominal position of each cell from the middle, m, shape (cells,)."""
         return np.array([cell.position for cell in self.cells]) - self.middle
 
 
@@ -189,9 +198,9 @@ def average_windows(
     Parameters
     ----------
     trips : sequence of TripSignals
-        All at the same rate.
+        Recordings, all at the same rate.
     transients : sequence of TransientRow
-        Complete ones; the file of each is the index of its trip.
+        Complete transients; the file of each is the index of its trip.
     inertia : float
         Total inertia, in units of force per m/s².
     low, high : float
@@ -218,7 +227,7 @@ def average_windows(
 
 
 def _concatenate(rate: float, band: Band, middle: float, windows: Sequence[CellWindow]) -> Windows:
-    """Windows of cells, one after the other."""
+    """Concatenate the windows of cells."""
     cells, channels, from_rest, in_motion, lengths, direction, reversing, pieces = zip(*windows, strict=True)
     samples = [len(window) for window in from_rest]
     joined = np.concatenate(channels, axis=1)
@@ -241,32 +250,32 @@ def _concatenate(rate: float, band: Band, middle: float, windows: Sequence[CellW
 
 
 def subset(w: Windows) -> Windows:
-    """Every k-th window, for the first fits: at most 23, and at least 8 if there are so many."""
-    step = max(1, len(w.cells) // _LEAST_SUBSET)
+    """Every k-th window, for the first fits: at most 23 windows, and at least 8 if there are so many."""
+    step = max(1, len(w.cells) // _SUBSET_CELLS)
     step += step % 2 == 0  # a stop has four conditions: an even step would omit some of them
     return select_cells(w, range(0, len(w.cells), step))
 
 
 def select_cells(w: Windows, selected: Sequence[int]) -> Windows:
-    """Some of the windows.
+    """Select some of the windows.
 
     Parameters
     ----------
     w : Windows
-        Of all cells.
+        Windows of all cells.
     selected : sequence of int
-        Indices of the cells.
+        Indices of the selected cells.
 
     Returns
     -------
     Windows
-        Of the selected cells, in the order given.
+        Windows of the selected cells, in the order given.
     """
-    return _concatenate(w.rate, w.band, w.middle, [w.separate[i] for i in selected])
+    return _concatenate(w.rate, w.band, w.middle, [w.cell_windows[i] for i in selected])
 
 
 def _channels(trip: TripSignals, inertia: float, middle: float, band: Band) -> Array:
-    """Signals of a whole trip in the rows of :attr:`CellWindow.channels`."""
+    """Signals of a whole trip, in the rows of :attr:`CellWindow.channels`."""
     from scipy.signal import sosfilt
 
     x = trip.position
@@ -285,10 +294,11 @@ def _complete_windows(
 ) -> list[tuple[CellKey, list[tuple[int, int]], int]]:
     """For each cell the (trip, first sample) of its complete windows, and their common length in samples.
 
-    A window is complete if the samples for a shift are recorded too, and the next phase does not cut it.
+    A window is complete if the samples for a shift are recorded too, and if it is hardly shorter than the
+    median of its cell: it then does not end early, before another phase.
     """
     rate = trips[0].rate
-    margin = round(_LARGEST_SHIFT * rate) + 2
+    margin = round(_LARGEST_SHIFT * rate) + 2  # samples; 2 since the derivatives lack samples at both ends
     out = []
     found = _windows_by_cell(trips, transients)
     for cell in sorted(found, key=lambda c: (c.position, _CONDITIONS.index(c.condition), c.motion)):
@@ -318,7 +328,7 @@ def _windows_by_cell(
         if following is not None and following.file == transient.file:
             end = min(end, following.start_s - _GAP)
         first = round((transient.start_s - BEFORE) * rate)
-        last = min(round(end * rate), count - 2)
+        last = min(round(end * rate), count - 2)  # derivatives lack samples at the end of the recording
         found.setdefault(transient.key, []).insert(0, (transient.file, first, last - first))
         following = transient
     return found
@@ -347,7 +357,7 @@ def _average(
         return None
     mean[_FORCE] -= mean[_FORCE, : max(1, round(_ZERO_FORCE * rate))].mean()
     direction = float(np.sign(mean[_SPEED].sum()))
-    used = slice(_used_length(from_rest))
+    used = slice(_used_length(from_rest))  # without the end, in which nothing is fitted
     return CellWindow(
         cell,
         mean[:, used],
@@ -361,7 +371,7 @@ def _average(
 
 
 def _used_length(from_rest: NDArray[np.bool_]) -> int:
-    """Samples of a window up to the last one that may be fitted, with those that its derivatives need."""
+    """Number of samples of a window up to the last that may be fitted, and those for its derivatives."""
     return int(np.flatnonzero(from_rest)[-1]) + 1 + _FOR_DERIVATIVES
 
 
@@ -381,9 +391,10 @@ def _align(
 ) -> tuple[list[int], NDArray[np.bool_]]:
     """First sample of every piece after alignment with the first piece, and whether it moves like the median.
 
-    ``speeds`` are those of the whole trips, m/s; the shift with the least squared difference is chosen.
+    ``speeds`` are those of the whole trip of each piece, m/s, and ``starts`` the first samples in them. The
+    shift with the least squared difference of the speeds is chosen.
     """
-    reach = round(_LARGEST_SHIFT * rate)
+    reach = round(_LARGEST_SHIFT * rate)  # samples
     reference = speeds[0][starts[0] : starts[0] + length]
     shifted = []
     for speed, start in zip(speeds, starts, strict=True):
@@ -403,17 +414,18 @@ def _counted_samples(
     """Samples ``from_rest`` and ``in_motion`` of a window, see :class:`Windows`.
 
     At standstill the guide holds the table by static friction, which acts as a spring of unknown stiffness,
-    and friction changes its sign. An arrival is therefore fitted until the axis first stands still, and a
-    departure from the start of sliding; from standstill on only where friction is negligible.
+    and friction changes its sign. An arrival is therefore fitted until the axis first stands still. A
+    departure is fitted from the start of sliding; from standstill on only if friction is negligible.
     """
     count = len(speed)
     index = np.arange(count)
     settled = (index >= round(_FILTER_SETTLES * rate)) & (index < count - _FOR_DERIVATIVES)
     if Condition(condition).accelerating:
         magnitude = np.abs(speed)
-        slip = int(np.argmax(magnitude > min(_SLIDING, _SLIDING_PART * magnitude.max())))
-        return settled, settled & (index >= slip + round(_AFTER_SLIP * rate))
-    # The window begins before the arrival: the axis still moves.
+        sliding = magnitude > min(_SLIDING, _SLIDING_PART * magnitude.max())
+        first_sliding = int(np.argmax(sliding))
+        return settled, settled & (index >= first_sliding + round(_AFTER_SLIP * rate))
+    # The window of an arrival begins in motion.
     direction = np.sign(speed[: max(1, count // 8)].mean())
     standing = np.flatnonzero(speed * direction < _STANDSTILL)
     if len(standing):
