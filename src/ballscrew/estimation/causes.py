@@ -76,7 +76,7 @@ class PossibleCause:
         Of the amount; empty for a ratio.
     possible : bool
         Whether the cause explains the cells, explains all observations about as well as the best of nut,
-        bearing and both, has a plausible size and is significant. The nut needs not be significant.
+        bearing and both, has a plausible size and is significant. The nut need not be significant.
     text : str
         Cause and amount in words.
     fit : float
@@ -314,10 +314,10 @@ def compare_causes(
     least_chi2 = min(fit.chi2 for name, fit in fits.items() if name in AXIAL)
     causes = []
     for (name, fit), probability in zip(fits.items(), probabilities, strict=True):
-        significant = name == "nut" or abs(fit.size) > 2 * fit.spread
         # The size of a cause of several directions is a root mean square, which is above 0 without the cause
-        # too. Its evidence is compared with that of the nut alone, which its fit contains; likewise for a
+        # too: its evidence is compared with that of the nut alone, which its fit contains. Likewise for a
         # gradient.
+        significant = name == "nut" or abs(fit.size) > 2 * fit.spread
         if len(evidence.signatures[name]) > 1 or name == "gradient":
             significant = fit.log_evidence > fits["nut"].log_evidence
         cell_fit = _probability_of_cells(evidence, name)
