@@ -280,7 +280,8 @@ def suspect_delayed(cells: Sequence[CellResult]) -> tuple[CellResult, ...]:
 def _checked_excitation(cell: CellResult, motions: Sequence[Motion]) -> CellResult:
     """Cell, suspect if the jerk phases of its motion hardly excite its frequency.
 
-    ``motions`` are the motions as each repetition executes them; all have the same jerk phase.
+    ``motions`` are the motions as each repetition executes them. The reason states the jerk time of the
+    first, which is the nominal one.
     """
     f, u = cell.frequency_Hz, cell.standard_uncertainty_Hz
     if f is None or u is None or not motions:

@@ -46,8 +46,8 @@ def identify_jointly(
 
     The compliance along the axis is one curve, so that the data of every cell contribute to all others. The
     table's acceleration is modelled twice: as the response to the motor's torque, with the mode of the free
-    rotor, and as the response to the motor's own motion, with the mode of the held rotor. So is the motor's
-    acceleration, as the response to the torque.
+    rotor, and as the response to the motor's own motion, with the mode of the held rotor. The motor's
+    acceleration is modelled as the response to the torque, with the mode of the free rotor.
 
     Parameters
     ----------

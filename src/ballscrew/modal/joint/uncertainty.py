@@ -336,7 +336,7 @@ def cell_deviations(fit: JointFit, block: int) -> tuple[Array, Array]:
     fit : JointFit
         The fit.
     block : int
-        Index of the block whose data are used, 0 or 1; the block of the other mode is not.
+        Index of the block whose data are used: 0 or 1, which is also the index of its mode.
 
     Returns
     -------
