@@ -15,6 +15,12 @@ def test_runs_of_a_day_share_a_preload() -> None:
     assert preload_groups(["a", "b", "c"], times, {}) == (0, 0, 1)
 
 
+def test_a_day_begins_with_its_earliest_run_in_any_order() -> None:
+    times = ["2026-01-02T12:00Z", "2026-01-01T13:00Z", "2026-01-03T11:00Z"]
+    assert preload_groups(["a", "b", "c"], times, {}) == (0, 0, 1)
+    assert preload_groups(["b", "a", "c"], [times[1], times[0], times[2]], {}) == (0, 0, 1)
+
+
 def test_runs_without_a_time_are_one_experiment() -> None:
     assert preload_groups(["a", "b", "c"], [None, None, "2026-01-01"], {}) == (0, 0, 1)
 

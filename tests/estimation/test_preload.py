@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.frequency_table import common_doubts
 from ballscrew.estimation.nut import nut_evidence
 from ballscrew.estimation.preload import preload
-from ballscrew.estimation.samples import share_uncertainty
+from ballscrew.estimation.samples import load_significance, share_uncertainty
 from ballscrew.estimation.verdict import doubts_of_cells
 from ballscrew.modal.reason import Reason, ReasonKind
 from ballscrew.modal.run import FrameMode, Run
@@ -620,3 +621,13 @@ def test_newtons_that_are_hardly_known_are_a_reason_to_doubt_the_nut() -> None:
     assert (found.verdict, found.nut_verdict) == ("good", "suspect")
     assert any("the interval of the preload in newtons is too wide" in reason for reason in found.nut_reasons)
     assert preload(run_of(1.0), calibrated(), BASE).nut_reasons == ()
+
+
+@pytest.mark.parametrize("level", [0.0, -0.1])
+def test_a_kilogram_is_compared_with_the_uncertainty_of_cells_and_share(level: float) -> None:
+    change = SimpleNamespace(by_load=np.array([0.002, 0.004]))
+    fused = SimpleNamespace(level=level, spread=0.003, weights=np.array([0.5, 0.5]))
+    model, assumptions = calibrated(), Assumptions(share=0.04)
+    by_share = abs(level) * share_uncertainty(model, assumptions)
+    found = load_significance(cast(Any, change), cast(Any, fused), model, assumptions)
+    assert found == pytest.approx(0.003 / np.hypot(0.003, by_share))

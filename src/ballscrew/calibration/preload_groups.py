@@ -17,7 +17,7 @@ from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.frequency_table import FrequencyTable
 
 SAME_DAY = timedelta(days=1)
-"""Runs that begin within it of the first are one experiment: no screw wears measurably in a day."""
+"""Runs that begin within it of the earliest are one experiment: no screw wears measurably in a day."""
 
 # Standard uncertainties of the difference of two known preloads, up to which they are the same.
 _SAME_PRELOAD = 2.0
@@ -28,7 +28,7 @@ def preload_groups(
 ) -> tuple[int, ...]:
     """Group of each run: runs of one group share one preload.
 
-    Runs within a day of the first of them share one. So do runs without a time: they are taken as one
+    Runs within a day of the earliest of them share one. So do runs without a time: they are taken as one
     experiment. Known preloads of one experiment that differ by more than twice their uncertainty are groups
     of their own, and runs without a known preload belong to the first.
 
@@ -178,21 +178,21 @@ def sort_key(measured_at: str | None) -> datetime:
 
 
 def _days(measured_at: Sequence[str | None]) -> list[int]:
-    """Number of each run's day, from 1; 0 for runs without a time."""
-    first_times: list[datetime] = []
-    days = []
-    for time in map(_time, measured_at):
-        if time is None:
-            days.append(0)
-            continue
-        for day, first in enumerate(first_times, 1):
-            if abs(time - first) < SAME_DAY:
-                days.append(day)
-                break
-        else:
-            first_times.append(time)
-            days.append(len(first_times))
-    return days
+    """Number of each run's day, from 1 in the order of time; 0 for runs without a time.
+
+    A day begins with its earliest run, whatever the order of the runs: it would span almost two days if it
+    contained runs before and after the first in a list.
+    """
+    times = [_time(text) for text in measured_at]
+    day_of_time: dict[datetime, int] = {}
+    begin = None
+    day = 0
+    for time in sorted(time for time in times if time is not None):
+        if begin is None or time - begin >= SAME_DAY:
+            begin = time
+            day += 1
+        day_of_time[time] = day
+    return [0 if time is None else day_of_time[time] for time in times]
 
 
 def _same_preload(preload: Quantity, others: Sequence[Quantity]) -> float | None:

@@ -46,7 +46,7 @@ from ballscrew.estimation.nut import (
     merge_nut_and_bearing,
     nut_evidence,
 )
-from ballscrew.estimation.samples import PosteriorSamples, share_uncertainty
+from ballscrew.estimation.samples import PosteriorSamples, load_significance, share_uncertainty
 from ballscrew.estimation.support import lost_end
 from ballscrew.estimation.temperature import (
     NO_CORRECTION,
@@ -74,7 +74,6 @@ _LEAST_CURVATURE = 1e-3
 # Largest difference of the loads of run and baseline, as a part of the moving mass: with a larger one the
 # result depends on the model's mass more than on the nut.
 _MOST_LOAD_CHANGE = 0.25
-_LEAST_SPREAD = 1e-12  # of u, in a divisor
 
 
 @single_threaded
@@ -418,11 +417,7 @@ def _check_load(
     """Check of the declared load; None without a baseline. ``declared`` is the change with this load."""
     if comparison.base is None:
         return None
-    change, fused = declared.change, declared.fused
-    by_share = abs(fused.level) * share_uncertainty(comparison.model, comparison.assumptions)
-    uncertainty = max(math.hypot(fused.spread, by_share), _LEAST_SPREAD)  # of u
-    by_load = abs(float(fused.weights @ change.by_load))  # |du/d load|, 1/kg
-    sensitivity = by_load / uncertainty
+    sensitivity = load_significance(declared.change, declared.fused, comparison.model, comparison.assumptions)
     return check_mass(masses, declared.causes, sensitivity, comparison.assumptions)
 
 

@@ -34,6 +34,7 @@ from ballscrew.estimation.temperature import NO_CORRECTION, TemperatureCorrectio
 SAMPLES = 10_000
 """Number of samples: they determine the ends of a 95 % interval to 1 % of its width."""
 
+_LEAST_SPREAD = 1e-12  # of u, in a divisor
 _SEED = 20_241  # of the random numbers, which are the same in every estimate
 _SURPLUS = 4  # samples generated for each that is used, where tolerances exclude some
 # Relative standard uncertainty of the bearing's share: half of the ± 30 % to which manufacturers state its
@@ -498,3 +499,29 @@ def _divided(quantity: Quantity, divisor: float) -> Quantity:
     low, high = quantity.interval
     spread = quantity.standard_uncertainty / divisor
     return Quantity(quantity.value / divisor, spread, "", (low / divisor, high / divisor))
+
+
+def load_significance(
+    change: ComplianceChange, fused: FusedChange, model: CalibratedAxis, assumptions: Assumptions
+) -> float:
+    """Effect of one kilogram on the table on u, over the standard uncertainty of u.
+
+    Parameters
+    ----------
+    change : ComplianceChange
+        Of the cells.
+    fused : FusedChange
+        Of the run: u, its standard uncertainty, and the weights of the cells.
+    model : CalibratedAxis
+        Of the axis; the uncertainty of the nut's share is part of that of u.
+    assumptions : Assumptions
+        With the relative error of the share by the lumped model.
+
+    Returns
+    -------
+    float
+        1/kg.
+    """
+    by_share = abs(fused.level) * share_uncertainty(model, assumptions)
+    uncertainty = max(math.hypot(fused.spread, by_share), _LEAST_SPREAD)
+    return abs(float(fused.weights @ change.by_load)) / uncertainty

@@ -19,6 +19,7 @@ from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_sinc
 from ballscrew.estimation.fusion import FusedChange, fuse_on_worn_nut
 from ballscrew.estimation.mass_check import check_mass, mass_changes
 from ballscrew.estimation.nut import release_limit
+from ballscrew.estimation.samples import load_significance
 from ballscrew.estimation.temperature import warm_screw_doubts
 from ballscrew.estimation.verdict import describe_misfit, doubts_of_cells, why_no_frequency
 from ballscrew.modal.run import Run
@@ -283,9 +284,8 @@ def _disagreements(
     if other_mass or misfit:
         causes = compare_causes(gather_evidence(change, masses, assumptions), assumptions)
         if other_mass:
-            per_kilogram = abs(float(fused.weights @ change.by_load))
-            spread = math.hypot(fused.spread, abs(fused.level) * model.standard_uncertainty("share"))
-            check = check_mass(masses, causes, per_kilogram / spread, assumptions)
+            sensitivity = load_significance(change, fused, model, assumptions)
+            check = check_mass(masses, causes, sensitivity, assumptions)
             if check.decision in ("torque", "declared"):
                 notes.append(check.text)
             else:

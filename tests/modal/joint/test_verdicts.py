@@ -61,6 +61,18 @@ def test_a_run_is_suspect_if_only_the_nut_of_the_sheet_is_unloaded(
         assert "at most 1.3 times the preload by the run, but 3.0 times by data sheet" in reason.text
 
 
+@pytest.mark.parametrize(("load", "suspect"), [(2.6, True), (2.3, False)])
+def test_the_load_by_the_run_is_that_without_the_lower_limit_of_the_sheet(load: float, suspect: bool) -> None:
+    mode = replace(MODE, mass_over_preload=0.5)
+    profile = Profile(False, 1.2, least_mass_over_preload=1.0)  # doubles the load by the run
+    result = SimpleNamespace(fit=SimpleNamespace(modes=(mode,)), profile=profile)
+    frequencies = SimpleNamespace(nut_load=np.array([load]))
+    reason = _other_nut(cast(SearchResult, result), cast(CellFrequencies, frequencies))
+    assert (reason is not None) == suspect
+    if reason is not None:
+        assert "at most 1.3 times the preload by the run, but 3.1 times by data sheet" in reason.text
+
+
 @pytest.mark.parametrize(
     ("difference", "deviation", "suspect"),
     [

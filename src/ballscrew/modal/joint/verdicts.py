@@ -294,14 +294,14 @@ def _other_nut(found: SearchResult, frequencies: CellFrequencies) -> Reason | No
 
     The load is expected from data sheet and frequency. A nut softens until the load unloads it and stiffens
     beyond, so two ratios of load to preload can explain the responses about equally well. If the fit found
-    the wrong ratio, the frequencies of all cells have errors, since they lie on the same curve. The load by
-    the run is not lower than by the data sheet's lower limit, so the expected load, which is computed from
-    it, is not too low.
+    the wrong ratio, the frequencies of all cells have errors, since they lie on the same curve. The loads of
+    ``frequencies`` are at least those by the data sheet's lower limit, which is removed here.
     """
     fitted, highest = found.fit.modes[0].mass_over_preload, float(frequencies.nut_load.max())
     if not fitted > 0:
         return None
     ratio = found.profile.mass_over_preload / fitted
+    highest /= max(1.0, found.profile.least_mass_over_preload / fitted)
     if ratio < OTHER_NUT or ratio * highest <= RELEASE:
         return None
     text = (
