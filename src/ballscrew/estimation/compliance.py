@@ -161,6 +161,7 @@ def change_from_model(
         ErrorTerm("errors that repeat", False, _stacked([*repeating.values()], len(rows))),
         ErrorTerm(WORN_NUT, False, (per_log_frequency * loss_spread)[None]),
     ]
+    # ∂ ln f by the working vector; the last column, by ln(P/P_ref), is omitted.
     gradients = gradient(model, run.position, run.load)[:, : len(PARAMETERS)]
     return _change(
         _Reference(model, bearing_share, 1.0, run.load), run, rows, y, terms, assumptions,

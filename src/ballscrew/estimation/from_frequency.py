@@ -154,5 +154,16 @@ def _cell(frequency: Any, position: float, motion: int, method: str) -> CellResu
     verdict = "suspect" if reasons else "good"
     value, spread = frequency.value, frequency.standard_uncertainty
     check_setting("the frequency in Hz", value, above=0.0)
-    cell = CellResult(position, _CONDITION, motion, 1, value, spread, None, method, verdict, ())
+    cell = CellResult(
+        position_m=position,
+        condition=_CONDITION,
+        motion=motion,
+        repetitions=1,
+        frequency_Hz=value,
+        standard_uncertainty_Hz=spread,
+        damping_ratio=None,
+        method=method,
+        verdict=verdict,
+        reasons=(),
+    )
     return cell.with_reasons(*(Reason("other", text) for text in reasons))

@@ -134,6 +134,7 @@ def preload(
     reason = _why_refused(run, baseline)
     if reason:
         refusal = _refuse(refusal, reason, *doubts_of_calibration(model, accept))
+        # Without a frequency only the test's own load may limit the preload, and only by a good measurement.
         if run.quality.verdict == "good":
             return apply_release_limit(refusal, run, baseline, model)
         return refusal
@@ -154,7 +155,7 @@ def _why_refused(run: Run, baseline: Run | None) -> str:
     base = frequency_table(baseline)
     if baseline.quality.verdict == "bad":
         return "the measurement of the baseline is bad"
-    if base.verdict == "bad" or not len(base.frequency):
+    if not len(base.frequency):
         return "the baseline has no cell with a frequency"
     if not paired_cells(table, base)[0]:
         return "run and baseline have no cell with a frequency in common"
@@ -190,7 +191,7 @@ def check_comparable(run: Run, model: CalibratedAxis, baseline: Run | None, more
 
 
 def _check_same_test(other: Run, name: str, run: Run, model: CalibratedAxis) -> None:
-    """Check that ``other``, named ``name`` in messages, is of the axis, the plan and about the load."""
+    """Check that ``other``, ``name`` in messages, has the model's axis, the run's plan and about its load."""
     if other.axis is not None and model.axis and other.axis != model.axis:
         raise InputError(
             f"{name} is of the axis {shown(other.axis)}, the model of {shown(model.axis)}; they must be of "

@@ -451,7 +451,7 @@ def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array, NDArray[n
     by others. Each other convention of the sheet's K has samples in proportion to its probability: its change
     is added to them, and its estimates of the sheet's numbers are compared with the tolerances instead of
     those of the stated convention. The convention of a sample, shape (n,), is its index in
-    ``model.conventions``; the stated one has the number of these.
+    ``model.conventions``, and for the stated one, which is not among them, their number.
     """
     covariance = np.block(
         [[model.covariance, model.cross_covariance], [model.cross_covariance.T, model.log_ratio_covariance]]

@@ -202,6 +202,8 @@ def temperature_correction(
         fitted.append(0.0)
     if prior.lowest is not None and prior.highest is not None:
         fitted += [prior.lowest - reference, prior.highest - reference]
+    # An error of the first baseline changes ln P of the run and of all baselines against it alike, and so the
+    # slope that is fitted to these: by ``slope.shared`` for a unit of ln P.
     return TemperatureCorrection(
         shift=shift,
         spread=math.hypot(slope.standard_uncertainty * difference, rms_slope * within),

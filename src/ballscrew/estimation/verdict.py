@@ -89,7 +89,7 @@ def why_not_good(
 
 
 def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False) -> list[str]:
-    """Reasons to doubt half of the cells of run or baseline, except those that cancel in a change.
+    """Reasons by which half of the cells of a run or its baseline are suspect, if no change cancels them.
 
     Further reasons are a mode of the frame in one of the runs, and clocks that differ.
 
@@ -101,7 +101,7 @@ def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False)
         Likewise.
     in_history : bool
         Whether the run belongs to a history. Few repetitions in both runs are then no reason, since the
-        history's scatter contains their errors, nor is a nut that the test unloads, since it is worn.
+        history's scatter contains their errors; nor is a nut that the test unloads, which is a sign of wear.
 
     Returns
     -------

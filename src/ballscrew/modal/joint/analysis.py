@@ -225,7 +225,7 @@ def suspect_rotating(
     cells : sequence of CellResult
         Cells of a run.
     rotations : sequence of mapping
-        Pitch and yaw in its recordings.
+        For each recording of the run, the sums of pitch and yaw, by these names.
 
     Returns
     -------

@@ -131,6 +131,7 @@ def _matched_scores(
         for cell in np.flatnonzero(directions == sign).tolist():
             rows = slice(*w.spans[cell], _EVERY)
             ratio = orders * speeds[cell] / frequencies[cell]
+            # In the negative direction the angle of the force falls with time, so the phase changes its sign.
             gain = 1 / (1 - ratio**2 + 2j * sign * damping[cell] * ratio)
             periods = np.outer(orders, w.centred_position[rows] / lead)
             # The cosine of an angle in single precision takes a third of the time.

@@ -52,7 +52,8 @@ class Block:
     taps : ndarray, shape (taps,)
         Coefficients of the filter that whitens the residual; ``[1]`` for none.
     fixed_columns : ndarray, shape (n, columns)
-        Columns that do not depend on the mode, in the band, m/s² or per sample; see :func:`make_block`.
+        Columns that do not depend on the mode, in the band, m/s², derivatives per sample; see
+        :func:`make_block`.
     ripple : ndarray, shape (n, k)
         Cosines and sines of forces that repeat along the screw, first those of passing balls, then those of
         whole orders, as accelerations with an amplitude of 1 m/s²; their true amplitudes are fitted.
@@ -89,9 +90,9 @@ class Block:
         return [slice(start * width, stop * width) for start, stop in self.windows.spans]
 
     def mean_square(self, residual: Array) -> float:
-        """Mean square of a residual, shape (n, ...), for :attr:`Windows.lengths`.
+        """Mean square of a residual, shape (n, ...), over the whole windows, as long as Windows.lengths.
 
-        The ends of the windows that were cut off count as 0.
+        Their ends, which were cut off, count as 0.
         """
         return float(np.mean(residual**2)) * len(residual) / int(self.windows.lengths.sum())
 

@@ -93,7 +93,8 @@ class JointFit:
         Whitened residual of each block times its weight.
     hessian : ndarray, shape (parameters, parameters)
         Hessian of half the cost, in the Gauss-Newton approximation, with the priors. The cost is the sum of
-        the squares of ``residual`` and of the deviations from the priors in standard deviations.
+        the squares of ``residual`` and of the deviations from the priors, in standard deviations times the
+        root of SAMPLES_PER_INDEPENDENT.
     """
 
     modes: Modes

@@ -87,7 +87,8 @@ def identify_jointly(
     inertia = total_inertia(trips)
     if inertia is None or not high > low:
         return refused_run(transients, Reason("measurement", "the axis does not move"))
-    rounding = max(trip.rounding for trip in trips) / inertia**2  # (m/s²)²/Hz
+    # Power spectral density of the rounding error of the force, over the total inertia, (m/s²)²/Hz.
+    rounding = max(trip.rounding for trip in trips) / inertia**2
     form_curve = typical_form_curve(low, high)
     if sheet is not None:
         initial = initial_values(sheet, load, low, high)

@@ -170,15 +170,17 @@ def coupled_poles(mode: AxialMode, frequency: Array) -> tuple[Array, Array]:
     # K, and of the frame's mounts, d and k, each over a mass. First row of the companion matrix: the
     # coefficients of s³ to s⁰, with the opposite sign.
     angular = 2 * math.pi * mode.frame
-    mount_damping, mount = 2 * mode.frame_damping * angular, angular**2
-    axis_damping, axis = 2 * zeta * blocked, blocked * blocked
+    mount_damping, mount_stiffness = 2 * mode.frame_damping * angular, angular**2
+    axis_damping, axis_stiffness = 2 * zeta * blocked, blocked * blocked
     coupling = mode.frame_coupling
     companion = np.zeros((len(blocked), 4, 4))
     companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
     companion[:, 0, 0] = -(mount_damping + axis_damping + coupling * axis_damping)
-    companion[:, 0, 1] = -(mount + axis_damping * mount_damping + axis + coupling * axis)
-    companion[:, 0, 2] = -(axis_damping * mount + axis * mount_damping)
-    companion[:, 0, 3] = -(axis * mount)
+    companion[:, 0, 1] = -(
+        mount_stiffness + axis_damping * mount_damping + axis_stiffness + coupling * axis_stiffness
+    )
+    companion[:, 0, 2] = -(axis_damping * mount_stiffness + axis_stiffness * mount_damping)
+    companion[:, 0, 3] = -(axis_stiffness * mount_stiffness)
     roots = np.linalg.eigvals(companion)
     # One of each conjugate pair: the two with the largest imaginary parts.
     poles = np.take_along_axis(roots, (-roots.imag).argsort(axis=1)[:, :2], axis=1)

@@ -178,7 +178,7 @@ class RippleModel:
         return replace(before, balls=find_balls(name, w, mode, lead, ripple, from_rest=self.from_rest))
 
     def _search_mode(self, w: Windows, modes: tuple[AxialMode, ...]) -> tuple[AxialMode, ...]:
-        """Search for the rotor-free frequency that leaves least power, each with the best orders for it.
+        """Search for the rotor-free frequency that leaves the least power, each tried with its best orders.
 
         The motor's motion contains the effect of the ripple, so the rotor-held mode is right in spite of it:
         if it was fitted, the profile along the axis is taken from this mode.

@@ -147,6 +147,7 @@ def search(
     frame = find_frame(_unwhitened_blocks(located_by, subset(w)), modes, profile)
     if frame is not None:
         modes, profile = frame.modes, replace(profile, pitch=frame.modes[0].pitch)
+        # The axial mode may now be at another frequency, so the windows are filtered for the band around it.
         axial = modes[0].middle_frequency
         low, high = settings.band_low * axial, settings.band_high * axial
         w = average_windows(trips, transients, inertia, low, high) or w

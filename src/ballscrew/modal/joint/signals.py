@@ -39,7 +39,8 @@ class TripSignals:
     name : str
         Name of the recording.
     motor : ndarray, shape (n,), optional
-        Acceleration of the motor, derived from its speed, m/s²; if absent, it is derived from the position.
+        Acceleration of the motor, referred to the table, derived from its speed, m/s²; if absent, it is
+        derived from the position.
     """
 
     rate: float
@@ -117,7 +118,8 @@ def decimated(trip: TripSignals, rate: float) -> TripSignals:
     step = max(1, int(trip.rate / rate + 1e-9))  # an exact division may be rounded down
     if step == 1:
         return trip
-    rows = _decimator(step)(trip.channels, 0, len(trip.force))  # in the order of TripSignals.channels
+    # Rows in the order of TripSignals.channels.
+    rows = _decimator(step)(trip.channels, first=0, last=len(trip.force))
     force, position, response = rows[0], rows[1], rows[2 : 2 + len(trip.response)]
     motor = None
     if trip.motor is not None:

@@ -419,4 +419,5 @@ def mass_over_preload(fit: JointFit, prior_information: float, expected: float) 
     # The fitted logarithm is the mean of those by the run and by the prior, weighted by their information.
     fitted = math.log(fit.modes[0].mass_over_preload)
     value = math.exp(fitted + prior_information / information_of_run * (fitted - math.log(expected)))
+    # The law of the softening is uncertain too, by SOFTENING_SPREAD; no scatter of a run shows that.
     return Quantity(value, value * math.hypot(spread, SOFTENING_SPREAD), "kg/N")
