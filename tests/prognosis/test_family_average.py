@@ -74,9 +74,9 @@ def scored(score: float, below: float, family: int) -> FamilyFit:
 
 def test_families_are_weighed_by_their_past_forecasts_above_a_floor() -> None:
     weight, width = weigh_families([scored(1.0, 0.5, 0), scored(0.0, 0.5, 3)])
-    assert weight.tolist() == pytest.approx([0.95, 0.05], abs=1e-5)
+    assert weight.tolist() == pytest.approx([0.99, 0.01], abs=1e-5)
     assert width == 1
-    assert weigh_families([scored(0.0, 0.5, 0), scored(1.0, 0.5, 3)])[0][0] == pytest.approx(0.05, abs=1e-5)
+    assert weigh_families([scored(0.0, 0.5, 0), scored(1.0, 0.5, 3)])[0][0] == pytest.approx(0.01, abs=1e-5)
 
 
 def test_past_forecasts_that_were_too_narrow_widen_the_next() -> None:

@@ -28,8 +28,8 @@ from ballscrew.prognosis.forecast import FAN, Forecast, fan_days, least_begun, r
 from ballscrew.prognosis.preload_history import PreloadHistory
 from ballscrew.prognosis.readings import Readings, readings_of
 
-_FORGET = 0.98  # of a score, with each reading
-_LEAST_WEIGHT = 0.05  # of a family
+_FORGET = 0.99  # of a score, with each reading
+_LEAST_WEIGHT = 0.01  # of a family
 _STEPS = 36  # days ahead of a path
 _FIRST_STEP = 0.25  # day
 _MOST_FOLDS = 20.0  # of the duty of wear, beyond which no change is ahead
