@@ -125,6 +125,8 @@ def test_a_nut_that_the_test_unloads_has_an_upper_limit_alone() -> None:
     assert (without_frequency.verdict, without_frequency.nut_verdict) == ("refused", "suspect")
     assert without_frequency.relative_to_baseline is not None
     assert without_frequency.relative_to_baseline.interval == nut.interval
+    bad = dataclasses.replace(baseline, quality=Quality("bad", ()))
+    assert preload(refused, calibrated(), bad).relative_to_baseline is None
 
 
 def test_a_frame_mode_in_one_of_two_runs_makes_the_preload_suspect() -> None:

@@ -134,8 +134,10 @@ def preload(
     reason = _why_refused(run, baseline)
     if reason:
         refusal = _refuse(refusal, reason, *doubts_of_calibration(model, accept))
-        # Without a frequency only the test's own load may limit the preload, and only by a good measurement.
-        if run.quality.verdict == "good":
+        # Without a frequency only the test's own load may limit the preload, and only by a good measurement
+        # relative to a baseline that is not bad.
+        bad_baseline = baseline is not None and baseline.quality.verdict == "bad"
+        if run.quality.verdict == "good" and not bad_baseline:
             return apply_release_limit(refusal, run, baseline, model)
         return refusal
     base = None if baseline is None else frequency_table(baseline)
