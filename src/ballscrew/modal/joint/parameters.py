@@ -13,14 +13,10 @@ from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import ROTOR_FREE, ROTOR_HELD, Block
 from ballscrew.modal.joint.mode import AxialMode
 
-Modes = tuple[AxialMode, ...]
-"""One mode per block."""
-
+Modes = tuple[AxialMode, ...]  # one per block
+# A field of AxialMode and the index of its mode, ROTOR_FREE or ROTOR_HELD. The index is None for a field that
+# has the same value in both modes. The field "local:3" is the local compliance at the fourth stop.
 Parameter = tuple[str, int | None]
-"""A field of AxialMode and the index of its mode, ROTOR_FREE or ROTOR_HELD.
-
-The index is None for a field that has the same value in both modes. The field ``"local:3"`` is the local
-compliance at the fourth stop."""
 
 LOCAL = "local:"
 """Beginning of the field of a local compliance."""
