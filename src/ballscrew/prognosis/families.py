@@ -35,7 +35,7 @@ NUMBERS = 6
 _STRAIGHT = -0.5  # p of a preload that falls on a straight line
 _STEEPEST = 1.5  # p of the steepest law
 _MOST_GROWTH = 8.0  # k s: three thousand times the first pace
-_STEADY = 0.25  # pace after running-in, over what it was more at first
+_STEADY = 0.7  # pace after running-in, over what it was more at first
 _LAST = 0.05  # x from which on the load alone wears: a hundredth of the preload
 
 
@@ -76,7 +76,7 @@ class FamilyPrior:
     growth_spread: float = 0.9
     factor: float = 2.5
     factor_spread: float = 0.7
-    hazard: float = 0.35
+    hazard: float = 0.45
     later: float = 2.0
     later_spread: float = 1.2
     relaxation: float = 5.0
@@ -204,10 +204,10 @@ class Family:
 
 
 FAMILIES = (
-    Family("straight line", weight=0.35),
+    Family("straight line", weight=0.2),
     Family("law of wear, by time", by_law=True, weight=0.4),
     Family("law of wear, by travel", by_law=True, by_travel=True, weight=0.4),
-    Family("exponential", grows=True, weight=0.4),
+    Family("exponential", grows=True, weight=0.3),
     Family("change of regime", changes=True, weight=0.25),
     Family("law of wear, by hours", by_law=True, by_hours=True, weight=0.4),
 )
