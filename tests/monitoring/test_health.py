@@ -13,6 +13,7 @@ import pytest
 from tests.estimation.made_runs import LOAD, calibrated, run_of
 from tests.monitoring.histories import at, history, unloading, worn
 
+import ballscrew.monitoring.assessment as assessment
 from ballscrew.axis.hertz import RELEASE
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
@@ -234,6 +235,28 @@ def test_a_wrong_load_is_suspect_by_its_mass() -> None:
     assert found.runs[-1].state == "suspect"
     assert "mass" in found.runs[-1].reading.reasons[0]
     assert found.state == "normal"
+
+
+def test_the_check_of_a_runs_load_has_the_uncertainty_that_preload_has(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found: list[tuple[float, float]] = []
+    check, significance = assessment.check_mass, assessment.load_significance
+
+    def compute(*given: Any) -> float:
+        found.append((significance(*given), math.nan))
+        return found[-1][0]
+
+    def record(masses: Any, causes: Any, sensitivity: float, assumptions: Assumptions) -> Any:
+        found[-1] = (found[-1][0], sensitivity)
+        return check(masses, causes, sensitivity, assumptions)
+
+    monkeypatch.setattr(assessment, "load_significance", compute)
+    monkeypatch.setattr(assessment, "check_mass", record)
+    heavier = replace(run_of(true_load=104.0, name="heavier"), measured_at=at(12.5))
+    assess([*history(range(12)), heavier])
+    assert found
+    assert all(given == used for given, used in found)
 
 
 def uneven(ratio: float, **others: Any) -> Run:

@@ -155,8 +155,9 @@ def test_a_run_says_when_its_raw_files_were_deleted_and_is_not_analysed_again(
     recordings = show_run(thinned, runs[3])["recordings"]
     assert all(each["deleted_at"] is not None and not each["stored"] for each in recordings)
     assert show_run(thinned, runs[0])["recordings"][0]["deleted_at"] is None
-    document = reprocess(thinned, ["bench"], method="paper")
+    document = reprocess(thinned, ["bench", "bench"], method="paper")
     assert (document["analyzed"], len(document["failures"])) == (len(runs) - 3, 3)
+    assert [axis["axis"] for axis in document["axes"]] == ["bench"]
     assert all("archived or deleted" in each for each in document["failures"])
 
 

@@ -71,7 +71,7 @@ def reprocess(
     check_workers(workers, scheduler)
     options = AnalysisOptions(method=method)
     with store.write("reprocess") as session:
-        names = list(axes) or list(session.scalars(select(Axis.name).order_by(Axis.name)))
+        names = list(dict.fromkeys(axes)) or list(session.scalars(select(Axis.name).order_by(Axis.name)))
         for name in names:  # the history stays, however many new results there are
             _choose_method(session, find_axis(session, name))
         tasks, archived = _tasks(session, store, names, options)
