@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from tests.monitoring.histories import history, worn
@@ -122,8 +123,8 @@ def done(monkeypatch):
     experiments = Experiments(module.AXIS, (), life)
     monkeypatch.setattr("ballscrew.cli.experiments.reproduce", lambda *_, **__: (experiments, claims))
     monkeypatch.setattr("ballscrew.cli.experiments.end_of_life", lambda _: ["Day 78: bench: ALARM"])
-    times = iter((100.0, 225.4))
-    monkeypatch.setattr("ballscrew.cli.experiments.time.monotonic", lambda: next(times))
+    clock = SimpleNamespace(monotonic=iter((100.0, 225.4)).__next__)
+    monkeypatch.setattr("ballscrew.cli.experiments.time", clock)
 
 
 @pytest.mark.usefixtures("done")
