@@ -418,7 +418,7 @@ def _ending_of(kind: str, now: State, old: State, new: State) -> dict[str, Any]:
 
 
 _COLUMNS = (
-    "command", "files", "kills before a call", "within writing", "at random", "file old", "new", "a third",
+    "command", "files", "kills before a call", "while writing", "at random", "file old", "new", "neither",
     "others changed", "status, full disk", "swept",
 )  # fmt: skip
 

@@ -249,7 +249,7 @@ def batch(folder: Path, name: str, number: int, original: Content) -> Row:
 
 _COLUMNS = {
     "refused": "refused",
-    "reader crashed": "of these the reader crashed",
+    "reader crashed": "of these, reader crashed",
     "out of time": "out of time",
     "same numbers": "read: same numbers",
     "channels missing": "without a channel",
