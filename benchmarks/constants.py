@@ -363,8 +363,8 @@ def effect(
 def table(rows: Sequence[tuple[Constant, list[Effect]]]) -> Iterator[str]:
     """Lines of the table, the most influential first."""
     yield (
-        "| constant | value | halved: moves by, u | u times | verdicts | doubled: moves by, u | u times "
-        "| verdicts |"
+        "| constant | value | halved: shift / u | factor of u | verdicts changed | doubled: shift / u "
+        "| factor of u | verdicts changed |"
     )
     yield "|---|---|---|---|---|---|---|---|"
     changed = [row for row in rows if any(one != (0.0, 1.0, 0, "") for one in row[1])]
@@ -372,7 +372,7 @@ def table(rows: Sequence[tuple[Constant, list[Effect]]]) -> Iterator[str]:
         cells = " | ".join(effect_cells(*each) for each in row)
         yield f"| {constant.label} | {constant.value} | {cells} |"
     yield ""
-    yield f"No number changed with the {len(rows) - len(changed)} others."
+    yield f"The {len(rows) - len(changed)} others changed no number."
 
 
 def effect_cells(move: float, factor: float, verdicts: int, ended: str) -> str:

@@ -183,7 +183,7 @@ def accuracy_lines(case: Case, draws: int) -> list[str]:
     centre = (case.plan.positions[0] + case.plan.positions[-1]) / 2
     slope = abs(from_vector(prior(case.sheet, centre)[0], centre).slope)
     out = [
-        "| plan | known, one standard uncertainty | data sheet | expected | fits, rms |",
+        "| plan | standard uncertainty of | data sheet | expected | fits, rms |",
         "|---|---|---|---|---|",
     ]
     for name, plan, information in (
