@@ -212,6 +212,7 @@ def few_members() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patched:
         few = partial(FamilyAverage, members=20, samples=200)
         patched.setattr("ballscrew.prognosis.monitor.FamilyAverage", few)
+        patched.setattr("ballscrew.prognosis.family_fit._MOST_ROUNDS", 1)
         yield
 
 
