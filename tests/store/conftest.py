@@ -33,7 +33,9 @@ def without_fsync(connection: Any, _: object) -> None:
 
 
 @event.listens_for(Engine, "do_connect")
-def without_encryption(dialect: Dialect, _record: object, _arguments: object, options: dict[str, Any]) -> None:
+def without_encryption(
+    dialect: Dialect, _record: object, _arguments: object, options: dict[str, Any]
+) -> None:
     """A server that refuses to encrypt is not asked: the certificates that would be loaded take 40 ms."""
     if dialect.driver == "pg8000":
         options.setdefault("ssl_context", False)
