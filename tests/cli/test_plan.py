@@ -177,11 +177,24 @@ def test_round_trips_that_warm_up_are_named(say, folder):
 def test_a_long_table_has_its_first_and_its_last_rows(say, folder):
     assert "…" not in re.findall(r"^│ +(\S+) │", say("plan.toml", *AXIS).out, re.MULTILINE)
     edit(folder, "plan.toml", '["100 kg"]', '["0 kg", "20 kg", "40 kg", "80 kg", "100 kg"]')
-    rows = re.findall(r"^│ +(\S+) │ +(\S+) │ +(\S+) │", say("plan.toml", *AXIS).out, re.MULTILINE)
+    rows = re.findall(r"^│ +(\S+) │ +(\S+) │", say("plan.toml", *AXIS).out, re.MULTILINE)
     loads = ["0", "20", "…", "80", "100"]
-    assert [load for load, _, _ in rows] == [load for load in loads for _ in range(1 if load == "…" else 6)]
-    assert rows[12] == ("…", "…", "…")
-    assert [stop for *_, stop in rows[13:19]] == ["0.0", "30.0", "60.0", "90.0", "120.0", "150.0"]
+    assert [load for load, _ in rows] == [load for load in loads for _ in range(1 if load == "…" else 6)]
+    assert rows[12] == ("…", "…")
+    assert [stop for _, stop in rows[13:19]] == ["0.0", "30.0", "60.0", "90.0", "120.0", "150.0"]
+
+
+def test_a_table_fits_a_terminal_and_has_no_column_of_a_single_load(say, folder):
+    single = say("plan.toml", *AXIS).out
+    assert "Prediction for each stop, rotor free, load 100 kg" in single
+    table = [line for line in single.splitlines() if line.startswith(("┃", "│"))]
+    assert max(len(line) for line in table) <= 80
+    assert "load ┃" not in table[0]
+    assert "PD PA NA ND" in single
+    edit(folder, "plan.toml", '["100 kg"]', '["0 kg", "100 kg"]')
+    several = say("plan.toml", *AXIS).out
+    assert "┃ load ┃" in several
+    assert "…" not in several
 
 
 def test_where_friction_alone_unloads_the_nut_no_motion_is_gentler(say, folder):

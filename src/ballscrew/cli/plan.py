@@ -246,40 +246,42 @@ def _duration_line(test: PlannedTest) -> str:
 
 
 def _table(test: PlannedTest) -> Table:
-    with_preload = bool(test.plan.preloads)
-    headings = (
-        *(["preload\nN"] if with_preload else []),
-        "load\nkg",
-        "motion",
-        "position\nmm",
-        "conditions",
-        "frequency\nHz",
-        "standard\nunc., Hz",
-        "relative\ntorque",
-        "nut load\nN",
-        "of the\npreload",
-        "shift by\nload, Hz",
-    )
-    table = right_aligned(headings, title="Prediction for each stop, rotor free")
-    for cells in _abbreviated(_rows(test.cells)):
+    """Row per stop; a single load or motion is in the title and has no column."""
+    rows = _rows(test.cells)
+    title = "Prediction for each stop, rotor free"
+    headings = ["position\nmm", "conditions", "frequency\nHz", "relative\ntorque", "nut load N\n(of preload)"]
+    headings.append("shift by\nload, Hz")
+    several_motions = len(test.plan.motions) > 1
+    several_loads = len(test.plan.masses) > 1
+    if several_motions:
+        headings.insert(0, "motion")
+    if several_loads:
+        headings.insert(0, "load\nkg")
+    else:
+        title += f", load {test.plan.masses[0]:g} kg"
+    if test.plan.preloads:
+        headings.insert(0, "preload\nN")
+    table = right_aligned(headings, title=title)
+    for cells in _abbreviated(rows):
         if cells is None:
             table.add_row(*["…"] * len(headings))
             continue
-        conditions = " ".join(cell.condition for cell in cells)
         worst = max(cells, key=lambda cell: cell.nut_load_ratio)
-        table.add_row(
-            *([f"{worst.preload:g}"] if with_preload else []),
-            f"{worst.mass:g}",
-            str(worst.motion),
+        values = [
             f"{1e3 * worst.position:.1f}",
-            conditions,
-            f"{worst.frequency:.1f}",
-            f"{worst.standard_uncertainty:.1f}",
+            " ".join(cell.condition for cell in cells),
+            f"{worst.frequency:.1f} ± {worst.standard_uncertainty:.1f}",
             f"{worst.excitation:.2f}",
-            f"{abs(worst.nut_load):.0f}",
-            f"{worst.nut_load_ratio:.2f}",
+            f"{abs(worst.nut_load):.0f} ({worst.nut_load_ratio:.2f})",
             f"{worst.nut_load_shift:.2f}",
-        )
+        ]
+        if several_motions:
+            values.insert(0, str(worst.motion))
+        if several_loads:
+            values.insert(0, f"{worst.mass:g}")
+        if test.plan.preloads:
+            values.insert(0, f"{worst.preload:g}")
+        table.add_row(*values)
     return table
 
 
