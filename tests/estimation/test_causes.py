@@ -12,10 +12,11 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions, Priors
 from ballscrew.calibration.frequency_table import frequency_table
-from ballscrew.estimation.causes import describe_cause, gather_evidence
+from ballscrew.estimation.causes import PossibleCause, describe_cause, gather_evidence
 from ballscrew.estimation.compliance import change_since
 from ballscrew.estimation.mass_check import mass_changes
 from ballscrew.estimation.preload import preload
+from ballscrew.estimation.verdict import estimate_notes
 
 BASE = run_of(name="base", uncertainty=1e-4)
 MODEL_ = calibrated()
@@ -217,3 +218,14 @@ def test_nut_and_bearing_are_compared_without_the_effect_of_a_wrong_load(
     assert found.relative_to_baseline is not None
     assert found.relative_to_baseline.value == pytest.approx(ratio, rel=0.02)
     assert not any("than declared" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(("probability", "printed"), [(0.004, False), (0.006, True)])
+def test_a_possible_cause_is_noted_unless_its_probability_is_printed_as_zero(
+    probability: float, printed: bool
+) -> None:
+    text = "a screw that is warmer towards its far end"
+    cause = PossibleCause("gradient", probability, 1.0, 2.0, 0.5, "K", True, text)
+    found = dataclasses.replace(preload(run_of(0.8), MODEL_, BASE), causes=(cause,))
+    notes = estimate_notes(found, run_of(0.8), BASE, MODEL_)
+    assert any(text in note for note in notes) is printed

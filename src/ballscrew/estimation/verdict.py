@@ -36,6 +36,7 @@ _TIME_WIDTH = 16  # characters of a run's time, to the minute
 # Kinds of doubt whose errors repeat in every run of a test, so that they cancel in a change. Those of the
 # other kinds (by chance, a lost contact, another mode) do not repeat.
 _CANCELLED = frozenset(("measurement", "low-rate", "unexcited", "unmeasured-force"))
+_LEAST_PRINTED = 0.005  # probability of another cause: a smaller one would be printed as 0.00
 _WIDEST = 8.0  # upper over lower end of an interval, above which an estimate is suspect
 
 
@@ -395,7 +396,7 @@ def _cause_notes(estimate: PreloadEstimate) -> list[str]:
     return [
         f"also possible: {cause.text} (probability {cause.probability:.2f})"
         for cause in other_possible_causes(estimate.causes)
-        if cause.name not in reported
+        if cause.name not in reported and cause.probability >= _LEAST_PRINTED
     ]
 
 
