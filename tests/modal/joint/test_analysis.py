@@ -73,6 +73,13 @@ def test_a_short_or_varied_jerk_is_not() -> None:
     assert suspect_unexcited([CELL], plan(1 / 172.0, spread=0.8)) == (CELL,)
 
 
+def test_a_varied_jerk_has_no_common_null() -> None:
+    (cell,) = suspect_unexcited([CELL], plan(4 / 170.0, spread=0.05))
+    assert cell.verdict == "suspect"
+    assert "too soft" in cell.reasons[-1]
+    assert "null" not in cell.reasons[-1]
+
+
 def test_reasons_are_added_and_refused_cells_unchanged() -> None:
     refused = replace(CELL, frequency_Hz=None, standard_uncertainty_Hz=None, verdict="refused")
     assert suspect_unexcited([refused], plan(1 / 172.0)) == (refused,)

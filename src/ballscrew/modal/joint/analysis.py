@@ -291,7 +291,8 @@ def _checked_excitation(cell: CellResult, motions: Sequence[Motion]) -> CellResu
         return cell
     jerk_ms = 1e3 * motions[0].jerk_time
     periods = f * jerk_ms / 1e3
-    if abs(periods - round(periods)) < _NULL_WIDTH:
+    same_jerk = len({motion.jerk_time for motion in motions}) == 1  # nulls of different jerks do not coincide
+    if same_jerk and abs(periods - round(periods)) < _NULL_WIDTH:
         text = (
             f"the jerk lasts {jerk_ms:.1f} ms, about a whole number of the mode's periods: the torque has a "
             "null there, and hardly excites it"
