@@ -31,10 +31,10 @@ def plain(value: Any, digits: int = 9) -> Any:
     object
         The same, of plain Python types.
     """
-    if value is None or isinstance(value, str):
-        return value
     if isinstance(value, float):
         return float(f"{value:.{digits}g}") if math.isfinite(value) else None
+    if value is None or isinstance(value, (str, int)):
+        return value
     if isinstance(value, dict):
         return {str(key): plain(item, digits) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -350,6 +350,7 @@ def paired_cells(run: FrequencyTable, baseline: FrequencyTable) -> tuple[list[in
 def _rows_by_cell(run: FrequencyTable) -> dict[CellKey, int]:
     """Row of each cell, by its rounded key."""
     rows = {}
-    for row, (x, condition, motion) in enumerate(zip(run.position, run.condition, run.motion, strict=True)):
-        rows[CellKey(float(x), condition, motion).rounded] = row
+    positions = run.position.tolist()
+    for row, (x, condition, motion) in enumerate(zip(positions, run.condition, run.motion, strict=True)):
+        rows[CellKey(x, condition, motion).rounded] = row
     return rows

@@ -24,7 +24,7 @@ class CellKey(NamedTuple):
     @property
     def rounded(self) -> CellKey:
         """The key with its position to a micrometre, to find the same cell in another run."""
-        return self._replace(position=round(self.position, 6))
+        return CellKey(round(self.position, 6), self.condition, self.motion)
 
 
 @dataclass(frozen=True, slots=True)
