@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,13 +10,13 @@ import pytest
 from tests.modal.joint.conftest import STOPS, SmallRun, small_run, two_stops
 
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.modal.joint.blocks import make_block
+from ballscrew.modal.joint.blocks import Block, make_block
 from ballscrew.modal.joint.fit import fit_modes
-from ballscrew.modal.joint.frame import find_frame
+from ballscrew.modal.joint.frame import FrameSearch, _with_frame, find_frame
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.initial import total_inertia
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
-from ballscrew.modal.joint.parameters import with_rotor_parts
+from ballscrew.modal.joint.parameters import Modes, with_rotor_parts
 from ballscrew.modal.joint.profile import Profile
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.windows import average_windows
@@ -62,6 +63,24 @@ def test_the_frame_is_reported(result: JointResult) -> None:
     assert frame.damping_ratio == pytest.approx(0.05, abs=0.01)
     assert frame.mass_ratio == pytest.approx(8.0, rel=0.1)
     assert frame.residual_ratio < 0.7
+
+
+def test_a_frame_that_explains_nothing_beside_the_ripple_is_omitted(
+    run: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    two = two_stops(run)
+    plain = identify_jointly(two.trips, two.transients, sheet, LOAD)
+    starts = []
+
+    def find(blocks: Sequence[Block], modes: Modes, _: Profile) -> FrameSearch:
+        starts.append(_with_frame(blocks, modes, 1.48 * modes[0].middle_frequency, 0.2))
+        return FrameSearch(starts[-1], 0.1, 0.1)
+
+    monkeypatch.setattr("ballscrew.modal.joint.search.find_frame", find)
+    found = identify_jointly(two.trips, two.transients, sheet, LOAD)
+    assert starts
+    assert found.frame_mode is None
+    assert found == plain
 
 
 def test_a_residual_that_the_pitching_mode_explains_is_no_frame(run: SmallRun) -> None:

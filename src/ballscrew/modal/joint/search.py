@@ -23,7 +23,7 @@ from ballscrew.modal.joint.blocks import (
     with_whitening,
 )
 from ballscrew.modal.joint.fit import CLEAR_REDUCTION, JointFit, fit_modes
-from ballscrew.modal.joint.frame import FrameSearch, find_frame
+from ballscrew.modal.joint.frame import LEAST_REDUCTION, FrameSearch, find_frame
 from ballscrew.modal.joint.initial import (
     InitialValues,
     expected_mass_over_preload,
@@ -32,9 +32,10 @@ from ballscrew.modal.joint.initial import (
 )
 from ballscrew.modal.joint.local_wear import UNKNOWN, LocalVariation
 from ballscrew.modal.joint.mode import AxialMode
+from ballscrew.modal.joint.parameters import Modes
 from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile, fit_profile
 from ballscrew.modal.joint.result import RippleOrder
-from ballscrew.modal.joint.ripple import RippleModel, ripple_amplitudes
+from ballscrew.modal.joint.ripple import RippleFit, RippleModel, ripple_amplitudes
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.trips import TripShift, trip_shifts
@@ -109,8 +110,8 @@ def search(
     """Search for the modes of a run and fit them.
 
     The steps: locate the axial and the pitching mode by their frequencies, with compliance, slope and damping
-    alone; find a mode of the frame, and a worn nut; fit the whole profile along the axis; select the ripple
-    of the motor; fit everything once more with whitened residuals.
+    alone; find a worn nut, fit the whole profile along the axis, and select the ripple of the motor; the same
+    with a mode of the frame, if there may be one; fit everything once more with whitened residuals.
 
     Parameters
     ----------
@@ -144,30 +145,63 @@ def search(
             initial.sheet, initial.load, w.middle, modes[0].middle_frequency
         )
         profile = Profile(initial.curved, *expected)
+    fitted = _fit_with_ripple(trips, names, initial, w, modes, profile)
     frame = find_frame(_unwhitened_blocks(located_by, subset(w)), modes, profile)
     if frame is not None:
-        modes, profile = frame.modes, replace(profile, pitch=frame.modes[0].pitch)
-        # The axial mode may now be at another frequency, so the windows are filtered for the band around it.
-        axial = modes[0].middle_frequency
+        # The axial mode may be at another frequency with it, so the windows are filtered for the band there.
+        axial = frame.modes[0].middle_frequency
         low, high = settings.band_low * axial, settings.band_high * axial
         w = average_windows(trips, transients, inertia, low, high) or w
+        with_pitch = replace(profile, pitch=frame.modes[0].pitch)
+        with_frame = _fit_with_ripple(trips, names, initial, w, frame.modes, with_pitch)
+        # Ripple is not fitted while a frame is searched for, and a frame may explain some of it.
+        if fitted.log_residual - with_frame.log_residual < LEAST_REDUCTION:
+            frame = None
+        else:
+            fitted = with_frame
+    unwhitened, profile = fitted.ripple.fit, fitted.profile
+    blocks = _whitened_blocks(unwhitened, settings)
+    final, variation = fit_profile(blocks, unwhitened.modes, profile, fitted.ripple.variation, _ITERATIONS)
+    ripple = ripple_amplitudes(final, fitted.ripple.orders.whole, initial.lead)
+    shifts = trip_shifts(trips, transients, inertia, final, fitted.ripple.orders)
+    return SearchResult(final, unwhitened, fitted.from_rest, variation, profile, ripple, frame, shifts)
+
+
+@dataclass(frozen=True, slots=True)
+class _FitWithRipple:
+    """Fit of the whole profile with the ripple, without whitening; fields as in :class:`SearchResult`."""
+
+    ripple: RippleFit
+    from_rest: bool
+    profile: Profile
+
+    @property
+    def log_residual(self) -> float:
+        """Result of :func:`~ballscrew.modal.joint.fit.log_residual`."""
+        return self.ripple.fit.log_residual
+
+
+def _fit_with_ripple(
+    trips: Sequence[TripSignals],
+    names: Sequence[str],
+    initial: InitialValues,
+    w: Windows,
+    modes: Modes,
+    profile: Profile,
+) -> _FitWithRipple:
+    """Fit the whole profile along the axis, then again with the ripple of the motor."""
     modes = _fit_new_or_worn(_unwhitened_blocks(names, subset(w)), modes, profile)
     blocks = _unwhitened_blocks(names, w)
     plain, variation = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
     plain, variation = _refit_with_expected_nut(blocks, plain, variation, profile)
     from_rest = all(map(_friction_is_negligible, blocks, plain.projections))
-    ripple_model = RippleModel(trips, names, from_rest=False, initial=initial, profile=profile)
-    with_ripple = ripple_model.fit(plain, variation)
+    model = RippleModel(trips, names, from_rest=False, initial=initial, profile=profile)
+    with_ripple = model.fit(plain, variation)
     # The force of passing balls was in the residual with which that of friction is compared.
     from_rest = from_rest and with_ripple.orders.balls is None
     if from_rest:
-        with_ripple = replace(ripple_model, from_rest=True).fit(plain, variation)
-    unwhitened = with_ripple.fit
-    blocks = _whitened_blocks(unwhitened, settings)
-    final, variation = fit_profile(blocks, unwhitened.modes, profile, with_ripple.variation, _ITERATIONS)
-    ripple = ripple_amplitudes(final, with_ripple.orders.whole, initial.lead)
-    shifts = trip_shifts(trips, transients, inertia, final, with_ripple.orders)
-    return SearchResult(final, unwhitened, from_rest, variation, profile, ripple, frame, shifts)
+        with_ripple = replace(model, from_rest=True).fit(plain, variation)
+    return _FitWithRipple(with_ripple, from_rest, profile)
 
 
 def _locate(
