@@ -3,8 +3,8 @@
 Each cause changes the compliance along the axis, the masses and the friction in a fixed proportion, its
 signature. The changes of a run since its baseline are one vector of observations with one covariance. A cause
 adds its signature times an unknown amount, whose prior is normal with mean 0 and a plausible size as standard
-deviation. The observations of each cause are then normally distributed, and their density is the evidence for
-it.
+deviation. With each cause the observations are then normally distributed, and their density is the evidence
+for it.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class PossibleCause:
         - position: shift of the axis's zero, m;
         - temperature: decrease of ln P;
         - gradient: ln P at the last stop less that at the first;
-        - local: root mean square of the changes of u at the stops.
+        - local: standard deviation of the change of u at a stop, from its independent forms along the axis.
     unit : str
         Of the amount; empty for a ratio.
     possible : bool
@@ -315,8 +315,8 @@ def compare_causes(
     causes = []
     for (name, fit), probability in zip(fits.items(), probabilities, strict=True):
         # The size of a cause of several directions is a root mean square, which is above 0 without the cause
-        # too: its evidence is compared with that of the nut alone, which its fit contains. Likewise for a
-        # gradient.
+        # too. Its evidence must therefore exceed that of the nut alone, which its fit contains; so must that
+        # of a gradient.
         significant = name == "nut" or abs(fit.size) > 2 * fit.spread
         if len(evidence.signatures[name]) > 1 or name == "gradient":
             significant = fit.log_evidence > fits["nut"].log_evidence
@@ -439,7 +439,7 @@ def _fit_cause(evidence: CauseEvidence, directions: Array, count: int) -> _Cause
 
 
 def _probability_of_cells(evidence: CauseEvidence, name: str) -> float:
-    """Probability of a misfit of the cells as large as with a cause, whose size is fitted.
+    """Probability that cells with this cause, whose size is fitted, misfit as much as observed, or more.
 
     The directions of a cause that has several are not fitted, since they would explain any change. They are
     added to the covariance with their plausible sizes.

@@ -112,7 +112,8 @@ def change_since(
         terms.append(ErrorTerm("mass of the model", False, ((1 + y) * spread)[None]))
     terms.append(ErrorTerm(WORN_NUT, False, (per_log_frequency * loss_spread)[None]))
     reference = _Reference(model, bearing_share, reference_ratio, baseline.load + load_change)
-    # The errors of the load and of its change are independent, and each is in proportion to its value.
+    # Two independent errors, of the load from run to run and of its declared change, each relative to its
+    # value.
     declared_load = math.hypot(run.load, load_change)
     return _change(
         reference, run, rows, y, terms, assumptions,

@@ -84,7 +84,7 @@ class FusedChange:
         return -3 * math.log(max(self.u, _LEAST_U))
 
     def log_preload_spread(self, spread: float) -> float:
-        """Standard uncertainty of ln(P/P₀) for the one of u, ``spread``: d ln P = −3 du/u."""
+        """Standard uncertainty of ln(P/P₀) from ``spread``, that of u: d ln P = −3 du/u."""
         return 3 * spread / max(self.u, _LEAST_U)
 
     @property

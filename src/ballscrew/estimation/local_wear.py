@@ -40,7 +40,7 @@ _MOST_WORN = 1 / 3  # part of the stops that a worn place may have: with more, t
 _BALANCING_ITERATIONS = 30  # one suffices where every stop has every condition
 _TRIALS = 8_000  # simulated runs of an evenly worn axis: 40 of them exceed a limit for 1 in 200
 _SEED = 4242  # of the random numbers of these runs, which are the same in every estimate
-_NEGLIGIBLE = 1e-6  # part of the longest shape that a shape of rounding errors alone does not exceed
+_NEGLIGIBLE = 1e-6  # over the longest shape: a shorter one consists of rounding errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,9 +184,9 @@ def preload_profile(
     statistic, limit, best = largest_contrast(
         means, noise, freedom, stops.nut_share, basis, places, assumptions.local_alarm
     )
-    # The frequencies determine the smooth part of Y, and the deviations the local part. The smooth curve of a
-    # run depends on the weights of its cells, so the deviations may lack a smooth part: it is added, with a
-    # standard uncertainty of its own size.
+    # The frequencies determine the smooth part of Y, and the deviations the local part. The deviations may
+    # have a smooth part too, since the smooth curve of a run depends on the weights of its cells. It is
+    # replaced by that of the frequencies, and the difference has a standard uncertainty of its own size.
     smooth = _smooth_part(stops.mean(change.y) - means, stops.count, basis)
     u, covariance = _fit_profile(means + smooth, noise, stops, change, fused, np.outer(smooth, smooth))
     position, ratio = [], []

@@ -53,7 +53,7 @@ class NutEvidence:
         Whether the user has stated this change.
     log_ratio, log_ratio_spread : float or None
         ln(P/P₀) of the nut by its softening under load, and its standard uncertainty; None where run or
-        baseline has no softening, or where it is less certain than the stiffness with the bearing's change.
+        baseline has no softening, or where this uncertainty exceeds that by the bearing's change.
     """
 
     bearing_spread: float

@@ -134,8 +134,8 @@ def preload(
     reason = _why_refused(run, baseline)
     if reason:
         refusal = _refuse(refusal, reason, *doubts_of_calibration(model, accept))
-        # Without a frequency only the test's own load may limit the preload, and only by a good measurement
-        # relative to a baseline that is not bad.
+        # The test's own load may still give an upper limit of P/P₀, if the measurement is good and that of
+        # the baseline is not bad.
         bad_baseline = baseline is not None and baseline.quality.verdict == "bad"
         if run.quality.verdict == "good" and not bad_baseline:
             return apply_release_limit(refusal, run, baseline, model)
@@ -461,8 +461,8 @@ def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> 
     model = comparison.model
     tables = []
     for other in map(frequency_table, more):
+        # Not the run itself, and no run of the calibration, to which the prior slope was fitted already.
         is_run = other.id == table.id
-        # The slope of the calibration was fitted to its runs already.
         in_prior = model.temperature is not None and model.group_of(other.id) is not None
         common_rows, _ = paired_cells(other, base)
         if other.temperature is not None and common_rows and not is_run and not in_prior:

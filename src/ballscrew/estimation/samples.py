@@ -46,8 +46,8 @@ _MOST_RATIO = 1e3  # largest P₀/P_ref, and largest inverse of it, in a sample:
 _PROBABLE = 0.15
 """Least probability of a convention whose own 95 % interval is part of the interval of the stiffness.
 
-The interval excludes 2.5 % of all samples at either end. If the samples of one convention lie at that end,
-17 % of those of a convention with this probability would be excluded. On 82 random axes whose K is of a
+The interval excludes 2.5 % of all samples at either end: 17 % of the samples of a convention with this
+probability, if all of these lie at one end. On 82 random axes whose K is of a
 preloaded nut but stated as R_nu,ar or as of a nut with clearance, 10 and 9 % of the good intervals miss the
 true value without this extension, and 4 and 5 % with it (``benchmarks.conventions``, seeds 500 to 581). The
 interval of the nut is not extended, since it contains the bearing's change too.
@@ -451,7 +451,7 @@ def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array, NDArray[n
     by others. Each other convention of the sheet's K has samples in proportion to its probability: its change
     is added to them, and its estimates of the sheet's numbers are compared with the tolerances instead of
     those of the stated convention. The convention of a sample, shape (n,), is its index in
-    ``model.conventions``, and for the stated one, which is not among them, their number.
+    ``model.conventions``; the stated one, which is not among them, has the index ``len(model.conventions)``.
     """
     covariance = np.block(
         [[model.covariance, model.cross_covariance], [model.cross_covariance.T, model.log_ratio_covariance]]

@@ -9,8 +9,9 @@ from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
 
-# Limits of the curvature of the compliance's growth over minus that of the model, which is 1 for a lost end.
-# It is less where the end is lost in some conditions or trips only, and the model's curvature is uncertain.
+# Limits of a ratio: curvature of the compliance's growth, over that of the model with the opposite sign. It
+# is 1 for a lost end, and less where the end is lost in some conditions or trips only; the model's curvature
+# is uncertain.
 _LEAST_CURVATURE, _MOST_CURVATURE = 0.4, 2.5
 
 
@@ -47,7 +48,8 @@ def lost_end(
     if len(np.unique(change.position)) < 3:
         return []
     x = change.position - model.centre
-    growth = change.y * (1 + model.slope * x + model.curve * x**2)  # of the compliance, as a part of U
+    # Over the model's compliance at its centre.
+    growth = change.y * (1 + model.slope * x + model.curve * x**2)
     curve, slope, _ = np.polyfit(x, growth, 2)
     if not _LEAST_CURVATURE < curve / -model.curve < _MOST_CURVATURE:
         return []

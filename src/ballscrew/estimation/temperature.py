@@ -1,7 +1,7 @@
 """Effect of the axis's temperature on its preload: fitted to baselines, or assumed, and corrected.
 
 The change of ln P since the first baseline is in proportion to the difference of the temperatures; the factor
-is called the slope. Its prior is the slope of the calibration where the runs of that determine one, and it is
+is called the slope. Its prior is that of the calibration, if the calibration's runs determine one, and it is
 fitted to further baselines (:func:`~ballscrew.calibration.temperature.fit_temperature_slope`). These and the
 run are compared with the first baseline, so the errors of the slope and of the run's change both contain the
 error of this baseline. Their covariance is part of the correction.
@@ -216,7 +216,8 @@ def temperature_correction(
 def _extrapolation(difference: float, temperatures: Sequence[float]) -> tuple[str, ...]:
     """A sentence where run or first baseline is much warmer or colder than the runs of the fit; else none.
 
-    ``difference``, of the run, and ``temperatures``, of the fit, are less that of the first baseline, K.
+    ``difference`` is the temperature of the run minus that of the first baseline, K; ``temperatures`` are
+    those of the runs of the fit, likewise.
     """
     if not temperatures or not difference:
         return ()

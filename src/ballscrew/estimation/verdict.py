@@ -90,7 +90,7 @@ def why_not_good(
 
 
 def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False) -> list[str]:
-    """Reasons by which half of the cells of a run or its baseline are suspect, if no change cancels them.
+    """Reasons why half of the cells of a run or its baseline are suspect, unless they cancel in a change.
 
     Further reasons are a mode of the frame in one of the runs, and clocks that differ.
 

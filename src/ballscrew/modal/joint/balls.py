@@ -36,7 +36,7 @@ _OUTSTANDING = 12.0  # over the power that the median order explains
 _NEAR = (0.7, 1.25)  # range of the frequency at full speed, over the frequencies of the mode along the axis
 _STEP = 3.0  # number of orders tried within the resolution of orders, which is 1 / (turns along the axis)
 _REFINED = np.linspace(-0.5, 0.5, 9)  # orders tried around the best of the first ones, over the resolution
-# One of so many samples is used for the search. At 16 samples per period of the mode, the default, the band
+# Step of the samples that the search uses. At 16 samples per period of the mode, the default, the band
 # ends below half of the resulting rate.
 _EVERY = 3
 _RANK_TOLERANCE = 1e-6  # over the largest eigenvalue of AᵀA of the columns A: smaller are rounding errors

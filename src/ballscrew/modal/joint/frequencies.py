@@ -36,7 +36,7 @@ _CELLS = math.sqrt(0.5)
 
 # Term "load": relative errors for a nut that is all of the compliance, at a load F on the nut that is equal
 # to its preload P. In proportion to the nut's share of the compliance.
-_WORN = 0.008  # by even wear that the run does not show: times (F/P)² and the data sheet's weight in the load
+_WORN = 0.008  # by even wear that the run does not show: times (F/P)² and the result of `sheet_weight`
 _LAW = 5e-4  # by the law of the softening: times F/P below 1 and (F/P)² above
 
 # Relative error of the rotor-held frequency as the zero of the motor's response to the torque, by modes above

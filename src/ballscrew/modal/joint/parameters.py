@@ -13,7 +13,9 @@ from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import ROTOR_FREE, ROTOR_HELD, Block
 from ballscrew.modal.joint.mode import AxialMode
 
-Modes = tuple[AxialMode, ...]  # one per block
+# One per block. The first block is of the mode ROTOR_FREE, and the second, if there is one, of ROTOR_HELD, so
+# the index of a mode is also that of an element.
+Modes = tuple[AxialMode, ...]
 # A field of AxialMode and the index of its mode, ROTOR_FREE or ROTOR_HELD. The index is None for a field that
 # has the same value in both modes. The field "local:3" is the local compliance at the fourth stop.
 Parameter = tuple[str, int | None]

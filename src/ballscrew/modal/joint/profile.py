@@ -83,7 +83,8 @@ class Profile:
     def priors(self, inflation: float) -> list[Prior]:
         """Priors of mass over preload, of the damping ratio's exponent, of the form, and of a frame's mode.
 
-        ``inflation`` is a result of :func:`~ballscrew.modal.joint.uncertainty.variance_inflation`.
+        ``inflation`` is a result of :func:`~ballscrew.modal.joint.uncertainty.variance_inflation`; only those
+        of mass over preload and of the form are adapted to it, see :meth:`scaled`.
         """
         out = [Prior((("power", 1.0),), _POWER_MEAN, _POWER_DEVIATION)]
         if not self.curved:

@@ -63,7 +63,7 @@ _AFTER_SLIDING = 0.015  # s
 OTHER_NUT = 1.5
 """Ratio of the expected to the fitted mass over preload from which on the fit may have missed a worn nut."""
 
-_WORN = 10.0  # mass over preload of a worn nut with which a fit begins, over that with which the other begins
+_WORN = 10.0  # initial mass over preload of the fit of a worn nut, over that of the fit of a new one
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,9 +39,10 @@ class JointSettings:
         is larger with the rotor held: the drive is then the encoder's acceleration, which contains its noise.
     clock : float
         Relative standard uncertainty of the recorder's clock, and so of every frequency. By default that of a
-        tolerance of 0.05 % within which all errors are equally probable; it includes the tolerance of a
-        crystal, and sampling rates that are not its frequency over a whole number. If dwell and speed of a
-        run deviate more from the plan, their deviation is used instead.
+        tolerance of 0.05 % within which all errors are equally probable. It covers the tolerance of a
+        crystal, and a true rate that differs from the nominal one because this is not the crystal's frequency
+        over a whole number. If dwell and speed of a run deviate more from the plan, their deviation is used
+        instead.
     most_unexplained : float
         Part of the response's power in the band that the model may leave unexplained; a run with more is
         refused.

@@ -134,7 +134,7 @@ def complete_transients(transients: xr.Dataset) -> tuple[TransientRow, ...]:
 
 @lru_cache(maxsize=16)
 def _decimator(step: int) -> Decimator:
-    """Low-pass filter that returns one of ``step`` samples."""
+    """Low-pass filter that returns every ``step``-th sample."""
     from scipy.signal import firwin
 
     taps = np.asarray(firwin(_TAPS * step + 1, _PASS / step))

@@ -47,8 +47,8 @@ def trip_shifts(
 ) -> tuple[TripShift, ...]:
     """Estimate the frequency of every trip alone.
 
-    The compliance is fitted to the first block of some of the cells, in motion; all else is as in the fit of
-    the run.
+    Only the compliance is fitted, to the first block of a subset of the cells, from the start of sliding on;
+    all other parameters are those of the run's fit.
 
     Parameters
     ----------

@@ -245,7 +245,8 @@ def tie_slopes(fit: JointFit, shrinkage: Array, deviation: float, length: float)
         allowed = (deviation / length**power) ** 2  # variance of the observation
         with_contrast = (noise + conditions) @ contrast  # covariances of the parameters with the contrast
         gain = with_contrast / float(contrast @ with_contrast + allowed)
-        # Parameters that are common to both modes stay as fitted.
+        # Parameters that are common to both modes stay as fitted. The covariances below are valid for any
+        # gain (Joseph's form); the variance of the observation is counted in one of them.
         gain[[index is None for _, index in parameters]] = 0.0
         difference = getattr(modes[0], field) - getattr(modes[1], field)
         modes = _add_to_parameters(modes, parameters, -gain * difference)
@@ -403,8 +404,9 @@ def mass_over_preload(fit: JointFit, prior_information: float, expected: float) 
     Returns
     -------
     Quantity or None
-        kg/N; None if it was not fitted, or if its uncertainty is larger than that by the tolerances of a data
-        sheet. A test with two accelerations determines it best.
+        kg/N; None if it was not fitted, if less than 1 % of the information is the run's, or if its
+        uncertainty is larger than that by the tolerances of a data sheet. A test with two accelerations
+        determines it best.
     """
     if ("mass_over_preload", None) not in fit.parameters or not expected > 0:
         return None

@@ -213,6 +213,7 @@ def _cell_results(
             if np.isfinite(frequencies.rotor_held_uncertainty[i]):
                 values["rotor_held_frequency_Hz"] = float(frequencies.rotor_held[i])
                 values["rotor_held_standard_uncertainty_Hz"] = float(frequencies.rotor_held_uncertainty[i])
+            # A departure against the arrival has no data in a fit from the start of sliding on.
             if not w.reversing[i]:
                 values["deviation_Hz"] = float(deviation[i])
                 values["deviation_standard_uncertainty_Hz"] = float(deviation_uncertainty[i])
@@ -295,7 +296,7 @@ def _other_nut(found: SearchResult, frequencies: CellFrequencies) -> Reason | No
     The load is expected from data sheet and frequency. A nut softens until the load unloads it and stiffens
     beyond, so two ratios of load to preload can explain the responses about equally well. If the fit found
     the wrong ratio, the frequencies of all cells have errors, since they lie on the same curve. The loads of
-    ``frequencies`` are at least those by the data sheet's lower limit, which is removed here.
+    ``frequencies`` were raised to the data sheet's lower limit where they were lower; this is undone here.
     """
     fitted, highest = found.fit.modes[0].mass_over_preload, float(frequencies.nut_load.max())
     if not fitted > 0:

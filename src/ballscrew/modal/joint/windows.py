@@ -27,8 +27,8 @@ AFTER = 0.16  # from the end of the phase to the end of the window, at most
 _GAP = 0.005  # from the end of a window to the next phase, at least
 _LARGEST_SHIFT = 0.004  # largest error of the start of a phase, which is found in the position
 _ZERO_FORCE = 0.003  # at the start of a window, over which the force is averaged: this mean is subtracted
-# At the start of a window, not fitted: the simulated responses begin at rest, so in them the filter of the
-# band settles.
+# At the start of a window, not fitted: the simulated responses begin at rest there, and the filter of the
+# band has yet to settle in them.
 _FILTER_SETTLES = 0.008
 _AFTER_SLIP = 0.005  # from the first sample in which the table slides to the first that is fitted
 _LEAST_COUNTED = 0.02  # shortest fitted part of a window
