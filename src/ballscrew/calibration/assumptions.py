@@ -75,8 +75,8 @@ class Priors:
     local_length : float
         Correlation length of a local change, m: two to three nut lengths are 0.06.
     as_good : float
-        Excess of a cause's χ² over that of the nut, below which the cause is possible: 95 % quantile of χ²
-        for two parameters.
+        Excess of a cause's χ² over the least of nut, bearing and both, below which the cause is possible:
+        95 % quantile of χ² for two parameters.
     plausible : float
         Size of a cause, in its standard deviations, from which it is not possible.
     odds : float

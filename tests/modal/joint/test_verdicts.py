@@ -74,22 +74,26 @@ def test_the_load_by_the_run_is_that_without_the_lower_limit_of_the_sheet(load: 
 
 
 @pytest.mark.parametrize(
-    ("difference", "deviation", "suspect"),
+    ("difference", "deviation", "unexplained", "suspect"),
     [
-        (-1.5, 0.3, True),
-        (1.5, 0.3, True),
-        (-1.5, 0.6, False),  # by chance
-        (0.9, 0.1, False),  # little beside the uncertainty of the result
-        (np.nan, 0.1, False),
+        (-1.5, 0.3, 0.1, True),
+        (1.5, 0.3, 0.1, True),
+        (-1.5, 0.6, 0.1, False),  # by chance
+        (0.9, 0.1, 0.1, False),  # little beside the uncertainty of the result
+        (-1.5, 0.3, 0.75, False),  # by what the model of the motor's response lacks
+        (np.nan, 0.1, 0.1, False),
     ],
 )
 def test_a_run_is_suspect_if_motor_and_nut_differ_at_a_stop(
-    difference: float, deviation: float, suspect: bool, monkeypatch: pytest.MonkeyPatch
+    difference: float, deviation: float, unexplained: float, suspect: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     compared = np.array([0.1, difference]), np.array([0.1, deviation])
     monkeypatch.setattr("ballscrew.modal.joint.verdicts.response_difference", lambda _: compared)
     frequencies = SimpleNamespace(rotor_free=np.array([140.0, 150.0]), uncertainty=np.array([0.4, 0.4]))
-    reason = _responses_differ(cast(JointFit, None), cast(CellFrequencies, frequencies))
+    blocks = [SimpleNamespace(name=name) for name in ("torque-nut", "torque-motor")]
+    projections = [SimpleNamespace(unexplained=part) for part in (0.01, unexplained)]
+    fit = SimpleNamespace(blocks=blocks, projections=projections)
+    reason = _responses_differ(cast(JointFit, fit), cast(CellFrequencies, frequencies))
     assert (reason is not None) == suspect
     if reason is not None:
         assert reason.kind == "responses-differ"

@@ -191,6 +191,7 @@ class RippleModel:
             damping=INITIAL_DAMPING,
             power=0.0,
             mass_over_preload=self.profile.mass_over_preload,
+            form_curve=modes[0].form_curve,
             coupling=modes[0].coupling,
             rotor_part=modes[0].rotor_part,
             stops=(),
