@@ -246,42 +246,33 @@ def _duration_line(test: PlannedTest) -> str:
 
 
 def _table(test: PlannedTest) -> Table:
-    """Row per stop; a single load or motion is in the title and has no column."""
-    rows = _rows(test.cells)
+    """Row per stop; preloads, several loads and several motions have columns."""
     title = "Prediction for each stop, rotor free"
-    headings = ["position\nmm", "conditions", "frequency\nHz", "relative\ntorque", "nut load N\n(of preload)"]
-    headings.append("shift by\nload, Hz")
-    several_motions = len(test.plan.motions) > 1
-    several_loads = len(test.plan.masses) > 1
-    if several_motions:
-        headings.insert(0, "motion")
-    if several_loads:
-        headings.insert(0, "load\nkg")
+    leading = [("preload\nN", "preload")] if test.plan.preloads else []  # heading and field of a cell
+    if len(test.plan.masses) > 1:
+        leading.append(("load\nkg", "mass"))
     else:
         title += f", load {test.plan.masses[0]:g} kg"
-    if test.plan.preloads:
-        headings.insert(0, "preload\nN")
+    if len(test.plan.motions) > 1:
+        leading.append(("motion", "motion"))
+    headings = [heading for heading, _ in leading]
+    headings += ["position\nmm", "conditions", "frequency\nHz", "relative\ntorque"]
+    headings += ["nut load N\n(of preload)", "shift by\nload, Hz"]
     table = right_aligned(headings, title=title)
-    for cells in _abbreviated(rows):
+    for cells in _abbreviated(_rows(test.cells)):
         if cells is None:
             table.add_row(*["…"] * len(headings))
             continue
         worst = max(cells, key=lambda cell: cell.nut_load_ratio)
-        values = [
+        table.add_row(
+            *(f"{getattr(worst, field):g}" for _, field in leading),
             f"{1e3 * worst.position:.1f}",
             " ".join(cell.condition for cell in cells),
             f"{worst.frequency:.1f} ± {worst.standard_uncertainty:.1f}",
             f"{worst.excitation:.2f}",
             f"{abs(worst.nut_load):.0f} ({worst.nut_load_ratio:.2f})",
             f"{worst.nut_load_shift:.2f}",
-        ]
-        if several_motions:
-            values.insert(0, str(worst.motion))
-        if several_loads:
-            values.insert(0, f"{worst.mass:g}")
-        if test.plan.preloads:
-            values.insert(0, f"{worst.preload:g}")
-        table.add_row(*values)
+        )
     return table
 
 

@@ -155,7 +155,7 @@ def search(
         with_pitch = replace(profile, pitch=frame.modes[0].pitch)
         with_frame = _fit_with_ripple(trips, names, initial, w, frame.modes, with_pitch)
         # Ripple is not fitted while a frame is searched for, and a frame may explain some of it.
-        if fitted.log_residual - with_frame.log_residual < LEAST_REDUCTION:
+        if fitted.ripple.fit.log_residual - with_frame.ripple.fit.log_residual < LEAST_REDUCTION:
             frame = None
         else:
             fitted = with_frame
@@ -169,16 +169,14 @@ def search(
 
 @dataclass(frozen=True, slots=True)
 class _FitWithRipple:
-    """Fit of the whole profile with the ripple, without whitening; fields as in :class:`SearchResult`."""
+    """Fit of the whole profile with the ripple, without whitening.
+
+    ``from_rest`` and ``profile`` are the fields of :class:`SearchResult`.
+    """
 
     ripple: RippleFit
     from_rest: bool
     profile: Profile
-
-    @property
-    def log_residual(self) -> float:
-        """Result of :func:`~ballscrew.modal.joint.fit.log_residual`."""
-        return self.ripple.fit.log_residual
 
 
 def _fit_with_ripple(
