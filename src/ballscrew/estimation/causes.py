@@ -315,10 +315,9 @@ def compare_causes(
     causes = []
     for (name, fit), probability in zip(fits.items(), probabilities, strict=True):
         # The size of a cause of several directions is a root mean square, which is above 0 without the cause
-        # too. Its evidence must therefore exceed that of the nut alone, which its fit contains; so must that
-        # of a gradient.
+        # too. Its evidence must therefore exceed that of the nut alone, which its fit contains.
         significant = name == "nut" or abs(fit.size) > 2 * fit.spread
-        if len(evidence.signatures[name]) > 1 or name == "gradient":
+        if len(evidence.signatures[name]) > 1:
             significant = fit.log_evidence > fits["nut"].log_evidence
         cell_fit = _probability_of_cells(evidence, name)
         explains_cells = cell_fit >= assumptions.false_alarm

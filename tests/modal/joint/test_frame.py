@@ -72,7 +72,7 @@ def test_a_frame_that_explains_nothing_beside_the_ripple_is_omitted(
     plain = identify_jointly(two.trips, two.transients, sheet, LOAD)
     starts = []
 
-    def find(blocks: Sequence[Block], modes: Modes, _: Profile) -> FrameSearch:
+    def find(blocks: Sequence[Block], modes: Modes, *_: Profile, **__: bool) -> FrameSearch:
         starts.append(_with_frame(blocks, modes, 1.48 * modes[0].middle_frequency, 0.2))
         return FrameSearch(starts[-1], 0.1, 0.1)
 
@@ -98,7 +98,32 @@ def test_a_residual_that_the_pitching_mode_explains_is_no_frame(run: SmallRun) -
         for f in (run.free[STOPS[2]], run.held[STOPS[2]])
     ]
     located, _ = fit_modes(blocks, modes, ("compliance", "damping", "slope"))
-    assert find_frame(blocks, located, Profile(curved=False)) is None
+    for measured in (True, False):
+        assert find_frame(blocks, located, Profile(curved=False), pitch_measured=measured) is None
+
+
+def test_a_frame_is_found_where_the_pitching_mode_was_fitted_to_the_higher_of_two_coupled_modes(
+    rig: Rig,
+) -> None:
+    """On two of ten random axes the frequency was that of the lower coupled mode, 32 Hz off, and good."""
+    machine = replace(rig.machine, bed_mass=10 * MOVING, bed_frequency=210.0, bed_damping=0.03)
+    stiff_table = replace(rig.instruments, pitch_frequency=700.0)
+    run = two_stops(small_run(replace(rig, machine=machine, instruments=stiff_table), repetitions=2))
+    mass = total_inertia(run.trips)
+    assert mass is not None
+    w = average_windows(run.trips, run.transients, mass, 80.0, 430.0)
+    assert w is not None
+    blocks = [make_block(name, w) for name in ("torque-nut", "motor-nut")]
+    modes = [
+        AxialMode(compliance_of(f), 0.0, 0.0, 0.03, 0.0, 0.0, 0.0, 220.0, 0.03)
+        for f in (run.free[STOPS[2]], run.held[STOPS[2]])
+    ]
+    located, _ = fit_modes(blocks, modes, ("compliance", "damping", "slope"))
+    assert located[0].middle_frequency < 163.0
+    found = find_frame(blocks, located, Profile(curved=False), pitch_measured=False)
+    assert found is not None
+    assert found.modes[0].frame == pytest.approx(210.0, abs=1.0)
+    assert found.modes[0].middle_frequency == pytest.approx(170.5, abs=1.0)
 
 
 def test_a_machine_on_soft_mounts_shows_no_frame(run: SmallRun, sheet: DataSheet) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from ballscrew.modal.joint.blocks import (
     with_whitening,
 )
 from ballscrew.modal.joint.fit import CLEAR_REDUCTION, JointFit, fit_modes
-from ballscrew.modal.joint.frame import LEAST_REDUCTION, FrameSearch, find_frame
+from ballscrew.modal.joint.frame import LEAST_REDUCTION_BESIDE_RIPPLE, FrameSearch, find_frame
 from ballscrew.modal.joint.initial import (
     InitialValues,
     expected_mass_over_preload,
@@ -110,8 +111,8 @@ def search(
     """Search for the modes of a run and fit them.
 
     The steps: locate the axial and the pitching mode by their frequencies, with compliance, slope and damping
-    alone; find a worn nut, fit the whole profile along the axis, and select the ripple of the motor; the same
-    with a mode of the frame, if there may be one; fit everything once more with whitened residuals.
+    alone; search for a mode of the frame; find a worn nut, fit the whole profile along the axis, and select
+    the ripple of the motor; fit everything once more with whitened residuals.
 
     Parameters
     ----------
@@ -138,27 +139,29 @@ def search(
     located = _locate(trips, transients, inertia, initial, located_by, settings)
     if located is None:
         return None
-    w, modes = located
+    w, modes, pitch_measured = located
     profile = Profile(initial.curved)
     if initial.sheet is not None:
         expected = expected_mass_over_preload(
             initial.sheet, initial.load, w.middle, modes[0].middle_frequency
         )
         profile = Profile(initial.curved, *expected)
-    fitted = _fit_with_ripple(trips, names, initial, w, modes, profile)
-    frame = find_frame(_unwhitened_blocks(located_by, subset(w)), modes, profile)
+    fit_with_ripple = partial(_fit_with_ripple, trips, names, initial)
+    located_blocks = _unwhitened_blocks(located_by, subset(w))
+    frame = find_frame(located_blocks, modes, profile, pitch_measured=pitch_measured)
     if frame is not None:
         # The axial mode may be at another frequency with it, so the windows are filtered for the band there.
         axial = frame.modes[0].middle_frequency
         low, high = settings.band_low * axial, settings.band_high * axial
-        w = average_windows(trips, transients, inertia, low, high) or w
-        with_pitch = replace(profile, pitch=frame.modes[0].pitch)
-        with_frame = _fit_with_ripple(trips, names, initial, w, frame.modes, with_pitch)
+        in_band = average_windows(trips, transients, inertia, low, high) or w
+        fitted = fit_with_ripple(in_band, frame.modes, replace(profile, pitch=frame.modes[0].pitch))
         # Ripple is not fitted while a frame is searched for, and a frame may explain some of it.
-        if fitted.ripple.fit.log_residual - with_frame.ripple.fit.log_residual < LEAST_REDUCTION:
+        without = fit_with_ripple(in_band, modes, profile)
+        reduction = without.ripple.fit.log_residual - fitted.ripple.fit.log_residual
+        if reduction < LEAST_REDUCTION_BESIDE_RIPPLE:
             frame = None
-        else:
-            fitted = with_frame
+    if frame is None:
+        fitted = fit_with_ripple(w, modes, profile)
     unwhitened, profile = fitted.ripple.fit, fitted.profile
     blocks = _whitened_blocks(unwhitened, settings)
     final, variation = fit_profile(blocks, unwhitened.modes, profile, fitted.ripple.variation, _ITERATIONS)
@@ -209,10 +212,11 @@ def _locate(
     initial: InitialValues,
     names: Sequence[str],
     settings: JointSettings,
-) -> tuple[Windows, tuple[AxialMode, ...]] | None:
+) -> tuple[Windows, tuple[AxialMode, ...], bool] | None:
     """Locate the modes: in a band around the initial frequency, then in a band around the located one.
 
-    Returns the windows in the second band and a mode for each block; None if no cell has a window.
+    Returns the windows in the second band, a mode for each block, and whether the difference of the two
+    accelerometers shows the pitching mode; None if no cell has a window.
     """
     low, high = settings.band_low * initial.rotor_free, settings.band_high * initial.rotor_free
     w = average_windows(trips, transients, inertia, low, high)
@@ -234,7 +238,7 @@ def _locate(
     ratios = modes[0].pitch / axial * _PITCH_SCALES
     modes = _first_fit(w, names, modes)
     modes = _with_best_pitch(_unwhitened_blocks(names, w), modes, ratios)
-    return w, modes
+    return w, modes, pitching is not None
 
 
 def _unwhitened_blocks(names: Sequence[str], w: Windows) -> list[Block]:
