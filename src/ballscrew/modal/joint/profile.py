@@ -84,7 +84,9 @@ class Profile:
         """Priors of mass over preload, of the damping ratio's exponent, of the form, and of a frame's mode.
 
         ``inflation`` is a result of :func:`~ballscrew.modal.joint.uncertainty.variance_inflation`; only those
-        of mass over preload and of the form are adapted to it, see :meth:`scaled`.
+        of mass over preload and of the form are adapted to it, see :meth:`scaled`. That of the exponent, if
+        adapted, moves the frequencies of ten random axes by 0.09 of their uncertainty at most. Those of a
+        frame, if adapted, increase the rms error of 20 runs with a frame from 0.60 to 0.76 Hz.
         """
         out = [Prior((("power", 1.0),), _POWER_MEAN, _POWER_DEVIATION)]
         if not self.curved:
