@@ -43,7 +43,7 @@ _ROTOR_PART = 0.6  # rotor's part of the total inertia, if the rotor-held freque
 # frames of 4 to 20 times the moving mass, 68 runs of 16 random axes of benchmarks/other_worlds.py find 0.066
 # at least. Without a frame, ten of these axes in 16 variants find 0.06 at most, one of forty axes of
 # benchmarks/identification.py 0.099, and the independent bench 0.001 with three trips; with single trips up
-# to 1, with frames of more than 100 times the moving mass. The next limit rejects the former.
+# to 1, with frames of more than 100 times the moving mass. The limits below reject these.
 _LEAST_REDUCTION = 0.04
 LEAST_REDUCTION_BESIDE_RIPPLE = 0.15
 """Least reduction of the log residual by a frame after the ripple is fitted.
@@ -125,7 +125,7 @@ def find_frame(
     score = float(frame_scores(without_pitch).max())
     # Part of the power of the residual that the pitching mode explains, a mean over the blocks.
     by_pitch = -math.expm1(2 * (plain.log_residual - without_pitch.log_residual) / len(blocks))
-    if score < max(_LEAST_SCORE, _LEAST_PART * by_pitch):
+    if by_pitch <= 0 or score < max(_LEAST_SCORE, _LEAST_PART * by_pitch):
         return None
     return _frame_beside(without_pitch, profile, plain.log_residual)
 
