@@ -121,6 +121,14 @@ def test_a_missing_temperature_widens_the_interval(recorded: tuple[float | None,
     assert not any("temperature" in note for note in known.notes)
 
 
+def test_further_baselines_do_not_replace_the_unknown_temperature_of_the_first() -> None:
+    """Their temperatures less that of the first are not known, so they determine no slope."""
+    run, base = run_of(0.8, temperature_C=20.0), run_of(name="base", temperature_C=None)
+    more = [run_of(name=f"day {t}", temperature_C=t, seed=i) for i, t in enumerate((21.0, 22.0))]
+    alone, found = preload(run, calibrated(), base), preload(run, calibrated(), base, more=more)
+    assert ratio(found).standard_uncertainty == pytest.approx(ratio(alone).standard_uncertainty, rel=1e-9)
+
+
 def warm(run: Run, **course: float) -> Run:
     """The run with a recorded temperature of 20 °C in the mean."""
     values = {"mean_C": 20.0, "start_C": 20.0, "end_C": 20.0, "range_K": 0.0} | course
@@ -204,7 +212,7 @@ def test_a_run_far_outside_the_temperatures_of_the_calibration_is_suspect() -> N
     model, base = replace(calibrated(), temperature=slope), run_of(name="base", temperature_C=18.0)
     far = preload(run_of(temperature_C=60.0), model, base)
     assert far.verdict == "suspect"
-    assert any("between +0.0 and +15.0 K" in reason and "+42.0 K" in reason for reason in far.reasons)
+    assert any("at +0.0 to +15.0 K" in reason and "+42.0 K" in reason for reason in far.reasons)
     hot_base = preload(run_of(temperature_C=60.0), model, run_of(name="base", temperature_C=55.0))
     assert any("an extrapolation" in reason for reason in hot_base.reasons)
     within = preload(run_of(temperature_C=30.0), model, run_of(name="base", temperature_C=60.0))

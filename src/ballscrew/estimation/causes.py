@@ -71,7 +71,7 @@ class PossibleCause:
         - position: shift of the axis's zero, m;
         - temperature: decrease of ln P;
         - gradient: ln P at the last stop less that at the first;
-        - local: standard deviation of the change of u at a stop, from its independent forms along the axis.
+        - local: size of the change of u at a stop, the root mean square of its independent forms.
     unit : str
         Of the amount; empty for a ratio.
     possible : bool
@@ -161,7 +161,7 @@ class CauseEvidence:
     cell_covariance : ndarray, shape (m, m)
         Of Y of the cells, with all error terms and without the floor.
     floor : ndarray, shape (m,)
-        Standard deviation of Y by which each cell deviates from any model.
+        Standard deviation of Y that each cell is given in addition, as in ComplianceChange.
     """
 
     values: Array
@@ -234,7 +234,7 @@ def gather_evidence(
         covariance_of_cells = covariance_of_cells + by_model
         all_errors_of_cells = all_errors_of_cells + by_model
     # The softening determines moving mass over preload: a load that was not declared is read as a decrease of
-    # ln P by its part of the moving mass, and du = −u/3 d ln P, here at u = 1.
+    # ln P, by about its part of the moving mass; du = −u/3 d ln P, here at u = 1.
     softening_by_load = 1 / (3 * change.moving_mass)
     others = _other_observations(masses, assumptions, softening, softening_by_load)
     values, spreads, by_load, by_torque, by_nut = others.T
@@ -275,6 +275,7 @@ def gather_evidence(
         # du = −d ln P/3 at u = 1, here and for the temperature, the amount of which is a decrease of ln P.
         signatures["gradient"] = in_cells(-priors.gradient_size / 3 * along * change.nut_share)
     if temperature_difference:
+        # By the assumed slope, even where runs determine it.
         sizes["temperature"] = assumptions.temperature * abs(temperature_difference)
         signatures["temperature"] = sizes["temperature"] / 3 * nut
     observations = np.concatenate([change.y, values])

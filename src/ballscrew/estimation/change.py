@@ -52,7 +52,7 @@ class ComplianceChange:
     nut_share : ndarray, shape (n,)
         s(x) = dY/du, the nut's share of the compliance in the state of the reference.
     bearing_share : ndarray, shape (n,)
-        The thrust bearing's share of the compliance in the state of the reference.
+        The share of the support bearing, or of both bearings, in the state of the reference.
     log_slope : ndarray, shape (n,)
         d ln C/dx in the state of the reference, 1/m.
     by_load : ndarray, shape (n,)
@@ -64,7 +64,7 @@ class ComplianceChange:
     terms : tuple of ErrorTerm
         Errors of Y, except that of the nut's share.
     floor : ndarray, shape (n,)
-        Standard deviation of Y by which each cell deviates from any model, independently of the others.
+        Standard deviation of Y that each cell is given in addition, so that the covariance can be inverted.
     by_parameters : ndarray, shape (7, n), or None
         Derivatives of Y with respect to the model's working vector
         (:func:`ballscrew.axis.axial.to_vector`), where f₀ is the model's frequency; None where it is that of

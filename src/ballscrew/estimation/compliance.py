@@ -28,9 +28,9 @@ from ballscrew.calibration.worn_nut import frequency_loss_under_load
 from ballscrew.estimation.change import DECLARED_LOAD, POSITION, ComplianceChange, ErrorTerm
 
 BASELINE = "noise of the baseline"
-BASELINE_PART = "the baseline's part"
+BASELINE_PART = "new errors of the baseline"
 WORN_NUT = "load on a worn nut"
-"""Printed names of error terms. The baseline's part is that of the errors that repeat from run to run."""
+"""Printed names of error terms. Errors that repeat from run to run are new by a tenth of their variance."""
 
 # Effects of each repeating error on Y, shape (cells,). A key is the name of the error and its number among
 # those of this name.
@@ -59,7 +59,7 @@ def change_since(
     model : AxialModel
         Of the axis; its frequencies are not used, only its masses and its shares of the compliance.
     bearing_share : float
-        The thrust bearing's share of the model's compliance at its centre.
+        Share of the support bearing, or of both, of the model's compliance at its centre.
     reference_ratio : float
         P₀/P_ref, the preload of the baseline over the model's reference preload.
     assumptions : Assumptions
@@ -137,11 +137,11 @@ def change_from_model(
     model : AxialModel
         Of the axis.
     bearing_share : float
-        The thrust bearing's share of the model's compliance at its centre.
+        Share of the support bearing, or of both, of the model's compliance at its centre.
     assumptions : Assumptions
         Sizes of the errors that no run determines.
     ratio : float
-        P/P_ref for which the softening of a worn nut by the test's own load is corrected.
+        P/P_ref by which the error of the run's frequencies by the load on a worn nut is corrected.
 
     Returns
     -------
@@ -159,6 +159,7 @@ def change_from_model(
     random, repeating = _split_effects(run, rows, per_hertz)
     terms = [
         ErrorTerm("noise of this run", True, np.vstack([random, np.diag(own)])),
+        # All of it: the part that is new in each run is not separated.
         ErrorTerm("errors that repeat", False, _stacked([*repeating.values()], len(rows))),
         ErrorTerm(WORN_NUT, False, (per_log_frequency * loss_spread)[None]),
     ]
@@ -257,7 +258,7 @@ def _repeating_terms(
             of_baseline.append(math.sqrt(1 - correlation) * baseline_effects[key])
     return [
         ErrorTerm("errors that repeat", False, _stacked(common, count)),
-        ErrorTerm("this run's part of them", True, _stacked(of_run, count)),
+        ErrorTerm("new errors of this run", True, _stacked(of_run, count)),
         ErrorTerm(BASELINE_PART, False, _stacked(of_baseline, count)),
     ]
 
@@ -271,8 +272,8 @@ def _stacked(effects: list[Array], count: int) -> Array:
 class _Reference:
     """State that a change refers to.
 
-    ``bearing_share`` is the thrust bearing's share of the model's compliance at its centre,
-    ``preload_ratio`` is P₀/P_ref, and ``load`` is the load on the table, kg.
+    ``bearing_share`` is the share of the support bearing, or of both, of the model's compliance at its
+    centre, ``preload_ratio`` is P₀/P_ref, and ``load`` is that of the run, with its correction, kg.
     """
 
     model: AxialModel
@@ -311,7 +312,8 @@ def _change(
     z = _normalised_position(x)
     tilt = assumptions.tilt * y * z  # in proportion to the change
     # A calibration fits level and slope along the axis, the Legendre polynomials of orders 0 and 1. The error
-    # of the model's form is assumed to consist of those of orders 2 and 3, and is relative to f.
+    # of the model's form is assumed to consist of those of orders 2 and 3, and is relative to f. A change
+    # since a baseline keeps it in full: the change itself may have another form than the model's.
     quadratic = 1.5 * z**2 - 0.5
     cubic = 2.5 * z**3 - 1.5 * z
     form = per_log_frequency * (assumptions.form * np.stack([quadratic, cubic]))
@@ -332,7 +334,7 @@ def _change(
             ErrorTerm(POSITION, False, ((1 + y) * log_slope * assumptions.position)[None]),
             ErrorTerm("shape of the model", False, np.vstack([tilt, form])),
         ),
-        floor=math.sqrt(2) * assumptions.floor * per_log_frequency,  # √2: f and f₀ both deviate
+        floor=math.sqrt(2) * assumptions.floor * per_log_frequency,  # √2: f and a measured f₀
         by_parameters=by_parameters,
         own=own,
     )

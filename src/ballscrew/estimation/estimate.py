@@ -92,7 +92,7 @@ class PreloadEstimate(PlottedResult):
     chi2, degrees, probability : float or None
         χ² of the cells, its expected value, and the probability of a χ² as large or larger.
     causes : tuple of PossibleCause
-        Possible causes of the change of the frequencies with the declared load, the most probable first.
+        All causes that were compared, possible or not, before the load is corrected; the most probable first.
     nut_or_bearing : NutOrBearing or None
         Whether nut or support bearing has changed the stiffness, with the load corrected.
     mass : MassCheck or None

@@ -16,7 +16,7 @@ def frequency_changes(run: Run, other: Run) -> dict[CellKey, Quantity]:
     """Frequency of each cell of a run less that of the same cell of another run.
 
     Errors that repeat from run to run of one axis cancel as far as they are correlated; those of two axes are
-    independent. A change of load or temperature is not corrected.
+    independent. A change of load or temperature is not corrected; both runs are assumed to have one preload.
 
     Parameters
     ----------

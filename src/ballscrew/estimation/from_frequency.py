@@ -25,7 +25,7 @@ from ballscrew.recording.quality.finding import Quality
 
 Frequency = Quantity | NaturalFrequency
 
-_METHOD = "joint"  # its frequencies are those of a nut without outer load, as the given ones are
+_METHOD = "joint"  # if no run of the calibration states one; its frequencies are those of an unloaded nut too
 _CONDITION = "PA"  # of all cells; a cell has a condition, which has no effect here
 
 

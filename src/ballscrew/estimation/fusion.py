@@ -23,7 +23,7 @@ FLOOR = "floor of every model"
 """Printed name of the error term of ``ComplianceChange.floor``."""
 
 _NO_VARIANCE = 1e-9  # expected sum of squares below which the residuals have no degree of freedom
-# Part of the largest singular value: the column of a smaller one is a combination of other fitted columns.
+# Part of the largest singular value; smaller ones are rounding errors of columns that depend on each other.
 _SAME_COLUMN = 1e-9
 _LEAST_U = 0.1  # least u in a logarithm or a divisor, that of a thousand times the preload
 _REWEIGHTINGS = 8  # fits of the cells, each weighted by the deviations from the fit before it
@@ -32,9 +32,9 @@ _HUBER = 2.5  # standard deviations from the fit beyond which a cell loses weigh
 # Secant method for the P/P₀ that the load on a worn nut is corrected for. Its error is the resulting P/P₀
 # less this one.
 _RATIO_STEPS = 11
-_RATIO_TOLERANCE = 1e-3  # of P/P₀; the correction for the load on the nut changes by a hundredth of it
+_RATIO_TOLERANCE = 1e-3  # of the assumed P/P₀; the resulting one changes by about a fiftieth of it
 # Derivative of the error with respect to P/P₀ in the first step. It is -1 if the correction does not depend
-# on P/P₀; -2 halves the step.
+# on P/P₀; with -2 the first step is half as long, and does not overshoot where it does.
 _FIRST_SLOPE = -2.0
 _FLATTEST_SLOPE = -0.5  # with a slope nearer to 0 the step would exceed twice the error
 _RATIO_LIMITS = (0.1, 10.0)  # of P/P₀
@@ -94,7 +94,7 @@ class FusedChange:
 
     @property
     def spread(self) -> float:
-        """Standard uncertainty of u by all terms; the uncertainty of the model is not among them."""
+        """Standard uncertainty of u by all terms, without that of the model's parameters and share."""
         return float(np.sqrt(sum(spread**2 for spread, _ in self.terms.values())))
 
 
@@ -189,7 +189,7 @@ def _cell_weights(change: ComplianceChange, covariance: Array) -> Array:
     x = change.position - change.position.mean()
     half_travel = float(np.ptp(x)) / 2
     basis = change.nut_share[:, None]
-    if len(np.unique(change.position)) > 2:
+    if len(np.unique(change.position)) > 2:  # a slope through two stops would leave no deviation
         basis = np.stack([change.nut_share, change.nut_share * x / half_travel], axis=1)
     spread = np.sqrt(np.diag(covariance))
     huber_weight = np.ones_like(spread)

@@ -45,8 +45,8 @@ def inflate_uncertainty(
     Returns
     -------
     FusedChange
-        With an additional term in these three cases; unchanged where one preload or another cause explains
-        the cells.
+        With an additional term in these three cases; unchanged where one preload explains the cells, or
+        other causes alone are possible.
     """
     if fused.probability >= assumptions.false_alarm:
         return fused

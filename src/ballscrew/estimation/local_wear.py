@@ -177,8 +177,8 @@ def preload_profile(
     cell_variance = float(np.sum((centred - means[stops.stop_of_cell]) ** 2)) / freedom
     cell_variance = max(cell_variance, float(np.mean(change.floor**2)))
     basis = _smooth_basis(stops, curved)
-    # A stop may deviate by the error of the model's form, however many cells it has. A relative error of the
-    # frequency is half of that of 1 + Y, which is about 1.
+    # A stop may deviate by the error of the model's form, however many cells it has, independently of the
+    # others. A relative error of the frequency is half of that of 1 + Y, which is about 1.
     noise = cell_variance / stops.count + (2 * assumptions.form) ** 2
     places = possible_places(len(stops.position))
     statistic, limit, best = largest_contrast(
@@ -310,7 +310,7 @@ def _group_by_stop(change: ComplianceChange) -> _Stops:
 
 
 def _deviations(run: Run, change: ComplianceChange, curved: bool) -> Array:
-    """Change of Y by the deviation of each cell from the smooth curve of its run, shape (cells,).
+    """Change of Y if each cell has the smooth curve of its run plus its whole deviation, shape (cells,).
 
     Where a run states no deviation, it is that of the frequency from a smooth curve fitted here.
     """
@@ -375,7 +375,7 @@ def _fit_profile(
 ) -> tuple[Array, Array]:
     """Estimate u = (P/P₀)^(−1/3) at the stops by a Gaussian process.
 
-    ``y`` is the mean Y of each stop and ``noise`` its variance by the scatter of the cells, shape (stops,);
+    ``y`` is the mean Y of each stop and ``noise`` its variance by scatter and model form, shape (stops,);
     ``of_smooth_part`` is the covariance of y by the smooth part that was added, shape (stops, stops). The
     results are u, shape (stops,), and its covariance.
     """

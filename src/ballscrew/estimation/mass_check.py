@@ -12,9 +12,10 @@ friction appears to change in the same proportion as the mass. The first of thes
 3. All observations together decide, see :mod:`ballscrew.estimation.causes`: where a wrong load is more than
    thirty times as probable as a drifted torque constant, the load is corrected; in the opposite case it
    stands.
-4. The observations do not decide. The correction is the change times the probability of a wrong load, if one
-   of the two is the cause, and the interval of the preload contains those without correction and with the
-   whole one. Where these two preloads differ too much for such an interval to be useful, the run is refused.
+4. The observations do not decide. The correction is the change times p/(p + q), with the probabilities p of a
+   wrong load and q of a drifted torque constant, and the interval of the preload contains those without
+   correction and with the whole one. Where these two preloads differ too much for such an interval to be
+   useful, the run is refused.
 """
 
 from __future__ import annotations

@@ -376,7 +376,7 @@ def _estimate(
     share_spread = share_uncertainty(model, assumptions)
     profile = preload_profile(run, baseline, change, fused, share_spread, curved, assumptions)
     low, high = estimate.relative_interval
-    changed = not low <= 1 <= high
+    changed = not low <= 1 <= high  # since the baseline, or from the model's reference preload
     nut_or_bearing = attribute_change(corrected.observations, evidence_of_nut, assumptions, changed=changed)
     estimate = replace(estimate, profile=profile, nut_or_bearing=nut_or_bearing)
     reasons = why_not_good(estimate, run, baseline, change, fused, corrected.causes, assumptions)
@@ -465,7 +465,8 @@ def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> 
         is_run = other.id == table.id
         in_prior = model.temperature is not None and model.group_of(other.id) is not None
         common_rows, _ = paired_cells(other, base)
-        if other.temperature is not None and common_rows and not is_run and not in_prior:
+        temperatures_known = base.temperature is not None and other.temperature is not None
+        if temperatures_known and common_rows and not is_run and not in_prior:
             tables.append(other)
 
     def change_of(other: FrequencyTable) -> ComplianceChange:

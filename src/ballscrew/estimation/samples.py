@@ -50,7 +50,7 @@ The interval excludes 2.5 % of all samples at either end: 17 % of the samples of
 probability, if all of these lie at one end. On 82 random axes whose K is of a
 preloaded nut but stated as R_nu,ar or as of a nut with clearance, 10 and 9 % of the good intervals miss the
 true value without this extension, and 4 and 5 % with it (``benchmarks.conventions``, seeds 500 to 581). The
-interval of the nut is not extended, since it contains the bearing's change too.
+intervals of the nut, which the bearing's possible change widens, and of newtons are not extended.
 """
 
 _SHARE = PARAMETERS.index("share")
@@ -138,8 +138,8 @@ class PosteriorSamples:
         by_model : tuple of ComplianceChange and FusedChange, optional
             Of the run against the model, where the baseline is not a run of the calibration. The preload in
             newtons is then estimated from it, so that errors of the baseline do not affect it. Where the
-            nut's softening separates nut and bearing, the preload in newtons is instead that of the baseline,
-            estimated by the model, times the nut's P/P₀.
+            nut's softening separates nut and bearing, it is that of the baseline by the model times the nut's
+            P/P₀, and the errors of the two factors are assumed to be the same, which widens its interval.
 
         Returns
         -------
@@ -205,8 +205,8 @@ class PosteriorSamples:
 
         ``ratio`` and ``ratios`` are those of the axial stiffness, the latter of shape (n,).
         """
-        # The bearing's part of the compliance that is not the nut's is that of the data sheet, so bearing
-        # over nut varies with the nut's share s in proportion to (1 − s)/s.
+        # Of the compliance besides the nut's, 1 − s, the bearing has a fixed part by the data sheet: bearing
+        # over nut is in proportion to (1 − s)/s.
         rest_factor = (1 - self._share) / (1 - self._model.model.share)
         nut_factor = self._share / self._model.model.share
         bearing_factor = 1 + _BEARING * self._nut_normal[:, _BEARING_SHARE]
@@ -287,7 +287,7 @@ class PosteriorSamples:
         reference_ratios: Array,
         temperature: TemperatureCorrection,
     ) -> Array:
-        """Samples of P/P₀, shape (n,), corrected to the temperature of the reference.
+        """Samples of P/P₀, shape (n,), corrected to the temperature of the baseline.
 
         ``reference_ratios`` are samples of P₀/P_ref, shape (n,).
         """
@@ -296,9 +296,9 @@ class PosteriorSamples:
         log_error = np.zeros_like(own)  # of the temperature's shift of ln P
         if temperature.spread:
             own_spread = fused.log_preload_spread(fused.spread)
-            # Change and slope of the temperature refer to the same baseline, so the errors of ln(P/P₀) and of
-            # −shift are correlated. Positive ``own`` and positive ``log_error`` decrease one each, so that
-            # these two have the same correlation.
+            # The change of ln P and the slope by temperature refer to the same baseline, so the errors of
+            # ln(P/P₀) and of −shift are correlated. A positive ``own`` decreases the former, a positive
+            # ``log_error`` the latter, so that these two have the same correlation.
             correlation = 0.0
             if own_spread:
                 correlation = float(np.clip(temperature.shared / (own_spread * temperature.spread), -1, 1))

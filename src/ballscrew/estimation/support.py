@@ -10,8 +10,8 @@ from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
 
 # Limits of a ratio: curvature of the compliance's growth, over that of the model with the opposite sign. It
-# is 1 for a lost end, and less where the end is lost in some conditions or trips only; the model's curvature
-# is uncertain.
+# is 1 for a lost end, and less where the end is lost in some conditions or motions only; the model's
+# curvature is uncertain.
 _LEAST_CURVATURE, _MOST_CURVATURE = 0.4, 2.5
 
 

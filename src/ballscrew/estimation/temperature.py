@@ -104,7 +104,7 @@ def further_baselines(
     Parameters
     ----------
     base : FrequencyTable
-        The first baseline, of known temperature.
+        The first baseline; its temperature is known if there are others.
     others : sequence of FrequencyTable
         The further ones, of known temperature, each with cells in common with the first.
     change_of : callable
@@ -225,9 +225,9 @@ def _extrapolation(difference: float, temperatures: Sequence[float]) -> tuple[st
     outside = max(difference - high, low - difference, -high, low)  # of the run, and of the baseline at 0
     if not high > low or outside <= _EXTRAPOLATION * (high - low):
         return ()
-    text = f"the effect of the temperature was fitted between {low:+.1f} and {high:+.1f} K of the baseline's"
+    text = f"the effect of the temperature was fitted at {low:+.1f} to {high:+.1f} K from the baseline"
     if low <= difference <= high:
-        return (f"{text}, which lies outside: an extrapolation",)
+        return (f"{text}, which is outside this range: an extrapolation",)
     return (f"{text}, and the run is at {difference:+.1f} K: an extrapolation",)
 
 

@@ -199,8 +199,8 @@ def apply_release_limit(
     Returns
     -------
     PreloadEstimate
-        Unchanged where :func:`~ballscrew.estimation.nut.release_limit` gives no limit, or where the nut's
-        preload has no upper end although the stiffness is known.
+        Unchanged where :func:`~ballscrew.estimation.nut.release_limit` gives no limit, or where the stiffness
+        is known and the nut's preload is refused, as it has no upper end.
     """
     nut = estimate.relative_to_baseline
     limit = release_limit(run, baseline, model)

@@ -89,7 +89,7 @@ def analyse_jointly(
     measurement : Measurement
         Recordings reduced to signals by :func:`signal_reducer`.
     cells : sequence of CellResult
-        All cells of the run, as listed by the paper's method.
+        All cells of the run, as listed by the paper's method, whose frequencies are not used.
     response_table : Dataset or None
         The table *FrequencyResponse*, for the coherence at the estimated frequencies.
     sheet : DataSheet or None

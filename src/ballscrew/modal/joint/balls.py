@@ -28,7 +28,7 @@ from ballscrew.modal.joint.mode import AxialMode, damping_ratio, mode_frequency
 from ballscrew.modal.joint.windows import Windows
 
 # The force is significant if the power of the residual that it explains exceeds each of these. They have the
-# reasons of those in ballscrew.modal.joint.ripple, but the force has twice as many columns.
+# reasons of those in ballscrew.modal.joint.ripple, with twice the columns and many orders tried.
 _LEAST_POWER = 0.004  # over the power of the residual
 _CHANCE = 40.0  # over the mean power of an independent sample
 _OUTSTANDING = 12.0  # over the power that the median order explains

@@ -20,15 +20,15 @@ from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode
 from ballscrew.modal.joint.parameters import Modes, with_rotor_parts
 from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile
 
-# Highest result of `frame_scores` from which on a frame is searched for. On 8 random axes without a frame
-# near the mode it was 0.04 at most, on the independent bench 0.12 (the limits below reject this frame); with
-# a frame of 4 to 20 times the moving mass, 0.15 at least.
+# Least value of the highest of `frame_scores` with which a frame is searched for. On 8 random axes without a
+# frame near the mode it was 0.04 at most, on the independent bench 0.13 (the limits below reject this frame);
+# with a frame of 4 to 20 times the moving mass, 0.1 at least where the pitching mode imitates no mode of it.
 _LEAST_SCORE = 0.06
 _SCORED_SCALES = np.geomspace(0.55, 1.8, 13)  # frequencies of the frame in `frame_scores`, over the axial one
 _HIGH_PITCH = 2.5  # frequency of the pitching mode, over the axial one, at which it imitates no frame
 # Least score with which the search is repeated with a high pitching mode, over the part of the residual that
-# the pitching mode explains. It is 0.77 at least in eight runs where this mode was fitted to one of the
-# frame, 0.53 at most on the independent bench, whose accelerometers do not show its pitching mode.
+# the pitching mode explains. It is 0.77 at least in eight runs where this mode imitated a coupled mode of
+# axis and frame, 0.53 at most on the independent bench, whose accelerometers do not show its pitching mode.
 _LEAST_PART = 0.65
 _SCORED_COUPLING = 1e-3  # moving mass over the frame's in `frame_scores`: nearly 0
 
@@ -46,7 +46,7 @@ _ROTOR_PART = 0.6  # rotor's part of the total inertia, if the rotor-held freque
 # to 1, with frames of more than 100 times the moving mass. The limits below reject these.
 _LEAST_REDUCTION = 0.04
 LEAST_REDUCTION_BESIDE_RIPPLE = 0.15
-"""Least reduction of the log residual by a frame after the ripple is fitted.
+"""Least reduction of the log residual by frame and pitching mode together, with the ripple fitted.
 
 It is 0.31 at least in those 68 runs with a frame, and 0.04 in that one without."""
 _MOST_DAMPING = 0.15  # largest damping ratio of the frame; those of machines are 0.1 at most
@@ -125,6 +125,7 @@ def find_frame(
     score = float(frame_scores(without_pitch).max())
     # Part of the power of the residual that the pitching mode explains, a mean over the blocks.
     by_pitch = -math.expm1(2 * (plain.log_residual - without_pitch.log_residual) / len(blocks))
+    # Without a response of the nut the pitching mode explains nothing, and the search would repeat the first.
     if by_pitch <= 0 or score < max(_LEAST_SCORE, _LEAST_PART * by_pitch):
         return None
     return _frame_beside(without_pitch, profile, plain.log_residual)

@@ -39,8 +39,8 @@ _CELLS = math.sqrt(0.5)
 _WORN = 0.008  # by even wear that the run does not show: times (F/P)² and the result of `sheet_weight`
 _LAW = 5e-4  # by the law of the softening: times F/P below 1 and (F/P)² above
 
-# Relative error of the rotor-held frequency as the zero of the motor's response to the torque, by modes above
-# the band: 0.4 % on the bench.
+# Relative standard uncertainty of the rotor-held frequency as the zero of the motor's response to the torque,
+# by modes above the band, beside the shift by their column: on the bench it is 0.4 % off.
 _ZERO = 0.003
 
 # Term "ripple", of a force between whole orders of a turn, as of a belt, that is fitted as whole orders:
@@ -195,7 +195,10 @@ def _rounding_amplitude(fit: JointFit, rounding: float) -> float:
 
 
 def _unmeasured_power(found: SearchResult) -> float:
-    """Part of the power of the first response that the motor's motion explains and the torque does not."""
+    """Part of the power of the first response that the motor's motion explains and the torque does not.
+
+    Without a fit of the response to the motor's motion it is all that the torque does not explain.
+    """
     by_block = unexplained_power(found.unwhitened)
     return max(found.unwhitened.projections[0].unexplained - by_block.get("motor-nut", 0.0), 0.0)
 

@@ -320,7 +320,8 @@ def find_pitching_mode(w: Windows, low: float, high: float) -> tuple[float, floa
 
     Two accelerometers at different heights measure the same axial motion and different amounts of pitching.
     Whatever moves the table, the second signal is therefore a weighted sum of the first and of the first
-    filtered by the resonance of the pitching mode; no model of the axis is needed.
+    filtered by a resonance: that of the pitching mode, if the first signal contains little pitching. No model
+    of the axis is needed. Frequencies near the result are tried in the fit.
 
     Parameters
     ----------

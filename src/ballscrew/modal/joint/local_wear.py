@@ -28,7 +28,7 @@ _SMOOTH = 0.01
 # Least gain in log-likelihood of a significant variation: a likelihood ratio of 55, exceeded by chance in one
 # of 220 to 570 even axes (4,000 simulated scores each of 2 to 8 contrasts with 4 to 30 degrees of freedom).
 _SIGNIFICANT = 4.0
-_QUANTILES = (np.arange(40) + 0.5) / 40  # probabilities: the likelihood is averaged over these quantiles
+_QUANTILES = (np.arange(40) + 0.5) / 40  # probabilities: quantiles of the inflation that are averaged
 _ROUNDING = 1e-6  # of the largest eigenvalue of the information: smaller ones are rounding errors
 
 

@@ -149,7 +149,7 @@ def fit_profile(
     """
     w = blocks[0].windows
     stops = tuple(sorted({cell.position - w.middle for cell in w.cells}))
-    # Parameter by whose scatter the inflation is estimated; without it the initial one is assumed.
+    # Parameter by whose scatter the inflation is estimated; a run with a curve and no load has neither.
     reference = "form"
     if profile.mass_over_preload > 0:
         reference = "mass_over_preload"

@@ -198,7 +198,7 @@ def _fit_with_ripple(
     from_rest = all(map(_friction_is_negligible, blocks, plain.projections))
     model = RippleModel(trips, names, from_rest=False, initial=initial, profile=profile)
     with_ripple = model.fit(plain, variation)
-    # The force of passing balls was in the residual with which that of friction is compared.
+    # The force of passing balls was in the noise, so the test of friction was too lenient.
     from_rest = from_rest and with_ripple.orders.balls is None
     if from_rest:
         with_ripple = replace(model, from_rest=True).fit(plain, variation)

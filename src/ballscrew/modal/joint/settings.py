@@ -44,7 +44,7 @@ class JointSettings:
         over a whole number. If dwell and speed of a run deviate more from the plan, their deviation is used
         instead.
     most_unexplained : float
-        Part of the response's power in the band that the model may leave unexplained; a run with more is
+        Part of the whitened response's power that the model may leave unexplained; a run with more is
         refused.
     most_load : float
         Highest load on the nut during the test over its preload; a cell with more is refused.

@@ -204,8 +204,8 @@ def _frame_factors(square: float, parameters: Array, dt: float) -> tuple[float, 
     """Coupling of the frame (without unit), and its stiffness and damping as of :func:`_central_factors`.
 
     A difference equation with the stiffness w² oscillates at w (1 + (w dt)²/24). The exact factors correct
-    this for each mode alone; the factor of the coupling corrects it for the coupled modes, to first order in
-    their distance from w.
+    this for each mode alone. A coupled mode of frequency W needs the factor 1 − (W² + w_f²) dt²/12 of the
+    coupling; here W is that of the axial mode in the middle of the axis, w.
     """
     angular = parameters[_FRAME_FREQUENCY]
     stiff, half = _central_factors(*_exact_factors(angular, parameters[_FRAME_DAMPING], dt), dt)
@@ -236,7 +236,7 @@ def _step_with_frame(
     """
     coupling, frame_stiff, frame_half = frame
     stiff, half = _central_factors(stiff, damp, dt)
-    mobility = 1 / (1 + frame_half)  # acceleration of the frame over force, with damping by the same step
+    mobility = 1 / (1 + frame_half)  # factor by the damping due to the acceleration in the step
     # Forces over the masses, by the state before the step. Damping by the accelerations in the step is added
     # by solving for these accelerations.
     spring = stiff * state[_DEFLECTION] + 2 * half / dt * state[_RATE]

@@ -362,7 +362,8 @@ def cell_deviations(fit: JointFit, block: int) -> tuple[Array, Array]:
 def nut_loads(fit: JointFit) -> tuple[Array, Array]:
     """Highest load on the nut over its preload in every cell, and the nut's share of the compliance there.
 
-    Both have the shape (cells,); they are 0 if the mode has no mass over preload.
+    The load is that of the table's motion as a rigid body, without vibration. Both have the shape (cells,);
+    they are 0 if the mode has no mass over preload.
     """
     w, mode = fit.blocks[0].windows, fit.modes[0]
     loads, shares = np.zeros(len(w.cells)), np.zeros(len(w.cells))

@@ -218,7 +218,7 @@ def _cell_results(
             if np.isfinite(frequencies.rotor_held_uncertainty[i]):
                 values["rotor_held_frequency_Hz"] = float(frequencies.rotor_held[i])
                 values["rotor_held_standard_uncertainty_Hz"] = float(frequencies.rotor_held_uncertainty[i])
-            # A departure against the arrival has no data in a fit from the start of sliding on.
+            # In most runs a departure against the arrival has no data: the fit begins with the sliding.
             if not w.reversing[i]:
                 values["deviation_Hz"] = float(deviation[i])
                 values["deviation_standard_uncertainty_Hz"] = float(deviation_uncertainty[i])

@@ -102,7 +102,7 @@ class CellWindow(NamedTuple):
     from_rest, in_motion : ndarray of bool, shape (n,)
         As in :class:`Windows`.
     length : int
-        Number of samples of the window before its end, in which nothing is fitted, was cut off.
+        Number of samples of the whole window; its end, in which nothing is fitted, is cut off.
     direction : float
         +1 or -1, the direction of motion.
     reversing : bool
@@ -145,8 +145,9 @@ class Windows:
     in_motion : ndarray of bool, shape (n,)
         The same, but those of a departure only after the table has begun to slide.
     lengths : ndarray, shape (cells,)
-        Number of samples of each window before its end, in which nothing is fitted, was cut off. The mean
-        square of a residual, and so the weight of a block, refers to this number.
+        Number of samples of each whole window; its end, in which nothing is fitted, is cut off. The mean
+        square of a residual, and so the weight of a block, refers to this number, so that no result depends
+        on where windows are cut.
     direction : ndarray, shape (n,)
         +1 or -1, the direction of motion of the window.
     force : ndarray, shape (n,)
