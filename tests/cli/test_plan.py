@@ -55,6 +55,7 @@ def test_it_writes_what_is_asked_for(say, folder):
     assert "A gentler motion" in outcome.out
     again = say("b.toml", *AXIS)
     assert "40 cells" in again.out
+    assert re.search(r"┃ +motion +┃", again.out)
     assert "No problems found." in again.out
 
 
@@ -133,6 +134,8 @@ def test_a_plan_with_preloads_prints_its_runs_and_what_they_determine(say, folde
     (folder / "two.toml").write_text('preloads = ["600 N", "300 N"]\n' + text, encoding="utf-8")
     outcome = say("two.toml", "--axis", "axis.toml", "--plot", "two.svg")
     assert (outcome.status, outcome.err) == (0, "")
+    for preload in (600, 300):
+        assert re.search(rf"│ +{preload} │ +0\.0 │", outcome.out)
     words = " ".join(outcome.out.split())
     assert "2 runs: 1 load at 2 preloads (600, 300 N)" in words
     assert "determine 3 of 4 parameters" in words

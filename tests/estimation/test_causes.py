@@ -131,6 +131,21 @@ def test_causes_that_explain_the_cells_stay_possible() -> None:
     assert {c.name for c in dent.causes if c.possible} == {"local"}
 
 
+@pytest.mark.parametrize(("significance", "possible"), [(1.9, False), (2.3, True)])
+def test_a_gradient_is_possible_from_twice_its_uncertainty_on(significance: float, possible: bool) -> None:
+    """At 1.9 its evidence exceeds that of the nut already; so it does by chance in a tenth of all runs."""
+
+    def gradient(slope: float) -> PossibleCause:
+        run = run_of(lambda x: np.exp(slope * (x - 0.225)), uncertainty=1e-2)
+        (cause,) = (c for c in preload(run, MODEL_, BASE).causes if c.name == "gradient")
+        return cause
+
+    trial = gradient(0.1)
+    found = gradient(0.1 * significance * trial.standard_uncertainty / abs(trial.amount))
+    assert abs(found.amount) / found.standard_uncertainty == pytest.approx(significance, rel=0.05)
+    assert found.possible == possible
+
+
 def test_the_priors_are_assumptions() -> None:
     usual = Assumptions(bearing_drift=0.2)
     sure = Assumptions(bearing_drift=0.2, priors=Priors(bearing_chance=1e-6))

@@ -30,7 +30,7 @@ from ballscrew.estimation.change import DECLARED_LOAD, POSITION, ComplianceChang
 BASELINE = "noise of the baseline"
 BASELINE_PART = "new errors of the baseline"
 WORN_NUT = "load on a worn nut"
-"""Printed names of error terms. Errors that repeat from run to run are new by a tenth of their variance."""
+"""Printed names of error terms. A tenth of the variance of an error that repeats is new in each run."""
 
 # Effects of each repeating error on Y, shape (cells,). A key is the name of the error and its number among
 # those of this name.

@@ -16,7 +16,8 @@ def frequency_changes(run: Run, other: Run) -> dict[CellKey, Quantity]:
     """Frequency of each cell of a run less that of the same cell of another run.
 
     Errors that repeat from run to run of one axis cancel as far as they are correlated; those of two axes are
-    independent. A change of load or temperature is not corrected; both runs are assumed to have one preload.
+    independent. The error by the load on the nut is taken to repeat, as it does at one preload. A change of
+    load or temperature is not corrected.
 
     Parameters
     ----------

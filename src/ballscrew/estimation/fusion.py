@@ -34,7 +34,8 @@ _HUBER = 2.5  # standard deviations from the fit beyond which a cell loses weigh
 _RATIO_STEPS = 11
 _RATIO_TOLERANCE = 1e-3  # of the assumed P/P₀; the resulting one changes by about a fiftieth of it
 # Derivative of the error with respect to P/P₀ in the first step. It is -1 if the correction does not depend
-# on P/P₀; with -2 the first step is half as long, and does not overshoot where it does.
+# on P/P₀. With -2 the first step is half as long, so that it does not overshoot if the correction depends
+# on P/P₀.
 _FIRST_SLOPE = -2.0
 _FLATTEST_SLOPE = -0.5  # with a slope nearer to 0 the step would exceed twice the error
 _RATIO_LIMITS = (0.1, 10.0)  # of P/P₀

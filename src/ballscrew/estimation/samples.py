@@ -49,8 +49,8 @@ _PROBABLE = 0.15
 The interval excludes 2.5 % of all samples at either end: 17 % of the samples of a convention with this
 probability, if all of these lie at one end. On 82 random axes whose K is of a
 preloaded nut but stated as R_nu,ar or as of a nut with clearance, 10 and 9 % of the good intervals miss the
-true value without this extension, and 4 and 5 % with it (``benchmarks.conventions``, seeds 500 to 581). The
-intervals of the nut, which the bearing's possible change widens, and of newtons are not extended.
+true value without this extension, and 4 and 5 % with it (``benchmarks.conventions``, seeds 500 to 581).
+Neither the nut's interval, which contains the bearing's possible change, nor that of newtons is extended.
 """
 
 _SHARE = PARAMETERS.index("share")

@@ -122,7 +122,8 @@ def find_frame(
         found = _frame_beside(plain, profile, plain.log_residual, _LEAST_REDUCTION)
     if found is not None or pitch_measured:
         return found
-    high = tuple(replace(mode, pitch=_HIGH_PITCH * mode.middle_frequency) for mode in plain.modes)
+    high_pitch = _HIGH_PITCH * plain.modes[0].middle_frequency
+    high = tuple(replace(mode, pitch=high_pitch) for mode in plain.modes)
     without_pitch = fit_blocks(blocks, high, profile.fields, priors, most_steps=0)
     score = float(frame_scores(without_pitch).max())
     # Part of the power of the residual that the pitching mode explains, a mean over the blocks.
@@ -130,7 +131,10 @@ def find_frame(
     # Without a response of the nut the pitching mode explains nothing, and the search would repeat the first.
     if by_pitch <= 0 or score < max(_LEAST_SCORE, _LEAST_PART * by_pitch):
         return None
-    return _frame_beside(without_pitch, profile, plain.log_residual, _LEAST_REDUCTION_WITHOUT_PITCH)
+    with_pitch = _residual_without_frame(plain, replace(profile, pitch=plain.modes[0].pitch))
+    return _frame_beside(
+        without_pitch, profile, min(plain.log_residual, with_pitch), _LEAST_REDUCTION_WITHOUT_PITCH
+    )
 
 
 def _frame_beside(
