@@ -28,7 +28,7 @@ _SCORED_SCALES = np.geomspace(0.55, 1.8, 13)  # frequencies of the frame in `fra
 _HIGH_PITCH = 2.5  # frequency of the pitching mode, over the axial one, at which it imitates no frame
 # Least score with which the search is repeated with a high pitching mode, over the part of the residual that
 # the pitching mode explains. It is 0.77 at least in eight runs where this mode imitated a coupled mode of
-# axis and frame, 0.53 at most on the independent bench, whose accelerometers do not show its pitching mode.
+# axis and frame, 0.58 at most on the independent bench, whose accelerometers do not show its pitching mode.
 _LEAST_PART = 0.65
 _SCORED_COUPLING = 1e-3  # moving mass over the frame's in `frame_scores`: nearly 0
 
