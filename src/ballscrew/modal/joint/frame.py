@@ -42,8 +42,8 @@ _ROTOR_PART = 0.6  # rotor's part of the total inertia, if the rotor-held freque
 # Least reduction of the log residual by the frame; the pitching mode is fitted with and without it. With
 # frames of 4 to 20 times the moving mass, 68 runs of 16 random axes of benchmarks/other_worlds.py find 0.12
 # at least. Without a frame, ten of these axes in 16 variants find 0.07 at most, one of forty axes of
-# benchmarks/identification.py 0.099 (rejected by the last limit), and the independent bench 0.001 with three
-# trips; with single trips up to 1, with frames of more than 100 times the moving mass.
+# benchmarks/identification.py 0.099 (rejected by the limit beside the ripple), and the independent bench
+# 0.001 with three trips; with single trips up to 1, with frames of more than 100 times the moving mass.
 _LEAST_REDUCTION = 0.09
 # The same where the search is repeated with a high pitching mode: it is 0.06 at least in those runs.
 _LEAST_REDUCTION_WITHOUT_PITCH = 0.05
