@@ -46,7 +46,7 @@ MARKUP = "\"><script>alert(2)</script>{{ 7 * 7 }}' onmouseover='alert(3)"
 LISTENER = """addEventListener("securitypolicyviolation", (event) =>
   console.error(`policy: ${event.violatedDirective} ${event.blockedURI} ${event.sourceFile}`));"""
 CHARTS_ARE_DRAWN = """() => [...document.querySelectorAll("[data-chart]")].every(
-  (each) => each.childElementCount || each.classList.contains("message") || !each.checkVisibility())"""
+  (each) => each.dataset.drawn && !each.ariaBusy)"""
 
 
 def find_chromium() -> str | None:

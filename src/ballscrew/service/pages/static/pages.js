@@ -241,14 +241,16 @@ const ballscrew = (() => {
       note.textContent = text;
       place.prepend(note);
     };
+    place.setAttribute("aria-busy", "true");
     try {
       const data = source ? await fetched(source, wait) : null;
       note.remove();
-      charts[chart](place, data);
+      await charts[chart](place, data);
     } catch (error) {
       place.textContent = error.message;
       place.classList.add("message");
     }
+    place.removeAttribute("aria-busy");
   }
 
   function drawCharts(root) {
