@@ -13,13 +13,13 @@ from tests.modal.joint.conftest import STOPS, SmallRun, small_run, two_stops
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.modal.joint import frame, search
 from ballscrew.modal.joint.blocks import Block, make_block
-from ballscrew.modal.joint.fit import fit_modes
+from ballscrew.modal.joint.fit import JointFit, fit_blocks, fit_modes
 from ballscrew.modal.joint.frame import FrameSearch, _with_frame, find_frame
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.initial import total_inertia
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
 from ballscrew.modal.joint.parameters import Modes, with_rotor_parts
-from ballscrew.modal.joint.profile import Profile
+from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.windows import Windows, average_windows
 from ballscrew.testbed.example import LOAD
@@ -80,8 +80,9 @@ def test_a_frame_that_explains_nothing_beside_the_ripple_is_omitted(
         fitted.append(given[3])
         return fit(*given)
 
-    def find(blocks: Sequence[Block], modes: Modes, *_: Profile, **__: bool) -> FrameSearch:
-        starts.append(_with_frame(blocks, modes, 1.48 * modes[0].middle_frequency, 0.2))
+    def find(plain: JointFit, *_: Profile, **__: bool) -> FrameSearch:
+        frequency = 1.48 * plain.modes[0].middle_frequency
+        starts.append(_with_frame(plain.blocks, plain.modes, frequency, 0.2))
         return FrameSearch(starts[-1], 0.1, 0.1)
 
     monkeypatch.setattr(search, "find_frame", find)
@@ -93,6 +94,11 @@ def test_a_frame_that_explains_nothing_beside_the_ripple_is_omitted(
     assert last is not without
     assert found.frame_mode is None
     assert found == plain
+
+
+def _plain(blocks: Sequence[Block], modes: Modes) -> JointFit:
+    profile = Profile(curved=False)
+    return fit_blocks(blocks, modes, profile.fields, profile.priors(INITIAL_INFLATION))
 
 
 def test_a_residual_that_the_pitching_mode_explains_is_no_frame(run: SmallRun) -> None:
@@ -111,7 +117,7 @@ def test_a_residual_that_the_pitching_mode_explains_is_no_frame(run: SmallRun) -
     ]
     located, _ = fit_modes(blocks, modes, ("compliance", "damping", "slope"))
     for measured in (True, False):
-        assert find_frame(blocks, located, Profile(curved=False), pitch_measured=measured) is None
+        assert find_frame(_plain(blocks, located), Profile(curved=False), pitch_measured=measured) is None
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +145,7 @@ def test_a_frame_is_found_where_the_pitching_mode_was_fitted_to_the_higher_of_tw
     """On two of ten random axes the frequency was that of the lower one, up to 49 Hz off, and good on one."""
     blocks, located = coupled
     assert located[0].middle_frequency < 163.0
-    found = find_frame(blocks, located, Profile(curved=False), pitch_measured=False)
+    found = find_frame(_plain(blocks, located), Profile(curved=False), pitch_measured=False)
     assert found is not None
     assert found.modes[0].frame == pytest.approx(210.0, abs=1.0)
     assert found.modes[0].middle_frequency == pytest.approx(170.5, abs=1.0)
@@ -159,7 +165,7 @@ def test_the_search_is_repeated_where_a_frame_would_explain_as_much_as_the_pitch
     residuals: list[float] = []
     monkeypatch.setattr(frame, "frame_scores", lambda _: np.full((2, 1), score))
     monkeypatch.setattr(frame, "_frame_beside", lambda *given: residuals.append(given[2]))
-    assert find_frame(*coupled, Profile(curved=False), pitch_measured=measured) is None
+    assert find_frame(_plain(*coupled), Profile(curved=False), pitch_measured=measured) is None
     assert len(residuals) == searches
     if searches == 2:  # the repeated search is compared with the best fit of the pitching mode
         assert residuals[1] < residuals[0] - 0.03
@@ -173,7 +179,7 @@ def test_the_search_is_not_repeated_without_a_response_of_the_nut(
     monkeypatch.setattr(frame, "_frame_beside", lambda *given: searches.append(given[2]))
     blocks, modes = coupled
     motor = [make_block("torque-motor", blocks[0].windows)]
-    assert find_frame(motor, modes[:1], Profile(curved=False), pitch_measured=False) is None
+    assert find_frame(_plain(motor, modes[:1]), Profile(curved=False), pitch_measured=False) is None
     assert len(searches) == 1
 
 

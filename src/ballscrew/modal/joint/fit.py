@@ -91,10 +91,10 @@ class JointFit:
         Derivatives of each block's whitened model, less their projection on its columns, times its weight.
     residual : tuple of ndarray, shape (n * responses,)
         Whitened residual of each block times its weight.
-    hessian : ndarray, shape (parameters, parameters)
-        Hessian of half the cost, in the Gauss-Newton approximation, with the priors. The cost is the sum of
-        the squares of ``residual`` and of the deviations from the priors, in standard deviations times the
-        root of SAMPLES_PER_INDEPENDENT.
+    information, hessian : ndarray, shape (parameters, parameters)
+        Hessian of half the cost, in the Gauss-Newton approximation, by the data alone and with the priors.
+        The cost is the sum of the squares of ``residual`` and of the deviations from the priors, in standard
+        deviations times the root of SAMPLES_PER_INDEPENDENT.
     """
 
     modes: Modes
@@ -103,6 +103,7 @@ class JointFit:
     parameters: tuple[Parameter, ...]
     jacobian: tuple[Array, ...]
     residual: tuple[Array, ...]
+    information: Array
     hessian: Array
 
     @property
@@ -281,8 +282,18 @@ class _Problem:
         residual = tuple(
             (s.residual * weight).ravel() for s, weight in zip(projections, weights, strict=True)
         )
-        hessian = sum((j.T @ j for j in jacobian), self.prior_rows.T @ self.prior_rows)
-        return JointFit(modes, self.blocks, projections, self.parameters, tuple(jacobian), residual, hessian)
+        information = _information(jacobian)
+        hessian = information + self.prior_rows.T @ self.prior_rows
+        return JointFit(
+            modes,
+            self.blocks,
+            projections,
+            self.parameters,
+            tuple(jacobian),
+            residual,
+            information,
+            hessian,
+        )
 
     def _damped_step(self, state: _State, damping: float) -> tuple[Array, list[Array], float, float] | None:
         """Try steps with increasing damping, until one lowers the cost.
@@ -366,9 +377,20 @@ def with_local_parameters(fit: JointFit, modes: Modes, names: Sequence[str]) -> 
     weights = _weights(fit.blocks, fit.projections)
     by_local = model_jacobian(fit.blocks, modes, fit.projections, weights, added, np.zeros(len(names)))
     jacobian = tuple(np.column_stack(pair) for pair in zip(fit.jacobian, by_local, strict=True))
-    hessian = np.asarray(sum(j.T @ j for j in jacobian))
-    parameters = (*fit.parameters, *added)
-    return replace(fit, modes=modes, parameters=parameters, jacobian=jacobian, hessian=hessian)
+    information = _information(jacobian)
+    return replace(
+        fit,
+        modes=modes,
+        parameters=(*fit.parameters, *added),
+        jacobian=jacobian,
+        information=information,
+        hessian=information,
+    )
+
+
+def _information(jacobian: Sequence[Array]) -> Array:
+    """JᵀJ, summed over the blocks, shape (parameters, parameters)."""
+    return np.asarray(sum(j.T @ j for j in jacobian))
 
 
 def _weights(blocks: Sequence[Block], projections: Sequence[Projection]) -> list[float]:

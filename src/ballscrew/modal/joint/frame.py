@@ -90,9 +90,7 @@ class FrameSearch:
         return self.margin > _DISTINCT
 
 
-def find_frame(
-    blocks: Sequence[Block], modes: Modes, profile: Profile, *, pitch_measured: bool
-) -> FrameSearch | None:
+def find_frame(plain: JointFit, profile: Profile, *, pitch_measured: bool) -> FrameSearch | None:
     """Search for a frame mode near the axial one.
 
     Where the accelerometers do not show the pitching mode, it is fitted to the response along the screw, and
@@ -101,12 +99,10 @@ def find_frame(
 
     Parameters
     ----------
-    blocks : sequence of Block
-        Drives and responses, without ripple and whitening.
-    modes : tuple of AxialMode
-        Without a frame, one per block.
+    plain : JointFit
+        Fit without a frame, ripple and whitening.
     profile : Profile
-        Which parameters are fitted.
+        Which parameters were fitted.
     pitch_measured : bool
         Whether the difference of two accelerometers shows the pitching mode.
 
@@ -115,8 +111,6 @@ def find_frame(
     FrameSearch or None
         None if the run shows no frame.
     """
-    priors = profile.priors(INITIAL_INFLATION)
-    plain = fit_blocks(blocks, modes, profile.fields, priors)
     found = None
     if frame_scores(plain).max() >= _LEAST_SCORE:
         found = _frame_beside(plain, profile, plain.log_residual, _LEAST_REDUCTION)
@@ -124,10 +118,11 @@ def find_frame(
         return found
     high_pitch = _HIGH_PITCH * plain.modes[0].middle_frequency
     high = tuple(replace(mode, pitch=high_pitch) for mode in plain.modes)
-    without_pitch = fit_blocks(blocks, high, profile.fields, priors, most_steps=0)
+    priors = profile.priors(INITIAL_INFLATION)
+    without_pitch = fit_blocks(plain.blocks, high, profile.fields, priors, most_steps=0)
     score = float(frame_scores(without_pitch).max())
     # Part of the power of the residual that the pitching mode explains, a mean over the blocks.
-    by_pitch = -math.expm1(2 * (plain.log_residual - without_pitch.log_residual) / len(blocks))
+    by_pitch = -math.expm1(2 * (plain.log_residual - without_pitch.log_residual) / len(plain.blocks))
     # Without a response of the nut the pitching mode explains nothing, and the search would repeat the first.
     if by_pitch <= 0 or score < max(_LEAST_SCORE, _LEAST_PART * by_pitch):
         return None

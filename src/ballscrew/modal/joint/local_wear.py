@@ -213,7 +213,7 @@ def _local_information(fit: JointFit, is_local: NDArray[np.bool_]) -> tuple[Arra
     (stops,).
     """
     at, rest = np.flatnonzero(is_local), np.flatnonzero(~is_local)
-    hessian = np.asarray(sum(j.T @ j for j in fit.jacobian))
+    hessian = fit.information
     score = np.asarray(sum(j.T @ r for j, r in zip(fit.jacobian, fit.residual, strict=True)))
     regression = np.linalg.pinv(hessian[np.ix_(rest, rest)]) @ hessian[np.ix_(rest, at)]
     information = hessian[np.ix_(at, at)] - hessian[np.ix_(at, rest)] @ regression
@@ -230,11 +230,7 @@ def _inflation(fit: JointFit, parameters: NDArray[np.intp]) -> tuple[float, int]
     cells = fit.blocks[0].windows.cells
     positions = np.array(fit.modes[0].stops) + fit.blocks[0].windows.middle  # of the stops, m
     nearest = np.array([int(np.argmin(np.abs(positions - cell.position))) for cell in cells])
-    deviation, weight = np.zeros(len(cells)), np.zeros(len(cells))
-    for stop, parameter in enumerate(parameters.tolist()):
-        steps, information = cell_steps(fit, parameter, range(len(fit.blocks)))
-        here = nearest == stop
-        deviation[here], weight[here] = steps[here], information[here]
+    deviation, weight = cell_steps(fit, parameters[nearest], range(len(fit.blocks)))
     freedom = len(cells)
     conditions = np.array([f"{cell.condition} {cell.motion}" for cell in cells])
     for grouping in (conditions, nearest):

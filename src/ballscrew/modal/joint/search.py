@@ -23,7 +23,7 @@ from ballscrew.modal.joint.blocks import (
     simulate,
     with_whitening,
 )
-from ballscrew.modal.joint.fit import CLEAR_REDUCTION, JointFit, fit_modes
+from ballscrew.modal.joint.fit import CLEAR_REDUCTION, JointFit, fit_blocks, fit_modes
 from ballscrew.modal.joint.frame import LEAST_REDUCTION_BESIDE_RIPPLE, FrameSearch, find_frame
 from ballscrew.modal.joint.initial import (
     InitialValues,
@@ -140,21 +140,19 @@ def search(
     if located is None:
         return None
     w, modes, pitch_measured = located
-    profile = Profile(initial.curved)
-    if initial.sheet is not None:
-        expected = expected_mass_over_preload(
-            initial.sheet, initial.load, w.middle, modes[0].middle_frequency
-        )
-        profile = Profile(initial.curved, *expected)
+    profile = _profile(initial, w.middle, modes[0].middle_frequency)
     fit_with_ripple = partial(_fit_with_ripple, trips, names, initial)
-    located_blocks = _unwhitened_blocks(located_by, subset(w))
-    frame = find_frame(located_blocks, modes, profile, pitch_measured=pitch_measured)
+    blocks = _unwhitened_blocks(located_by, subset(w))
+    plain = fit_blocks(blocks, modes, profile.fields, profile.priors(INITIAL_INFLATION))
+    modes = plain.modes
+    frame = find_frame(plain, profile, pitch_measured=pitch_measured)
     if frame is not None:
         # The axial mode may be at another frequency with it, so the windows are filtered for the band there.
         axial = frame.modes[0].middle_frequency
         low, high = settings.band_low * axial, settings.band_high * axial
         in_band = average_windows(trips, transients, inertia, low, high) or w
-        fitted = fit_with_ripple(in_band, frame.modes, replace(profile, pitch=frame.modes[0].pitch))
+        with_frame = replace(_profile(initial, w.middle, axial), pitch=frame.modes[0].pitch)
+        fitted = fit_with_ripple(in_band, frame.modes, with_frame)
         # Ripple is not fitted while a frame is searched for, and a frame may explain some of it.
         without = fit_with_ripple(in_band, modes, profile)
         reduction = without.ripple.fit.log_residual - fitted.ripple.fit.log_residual
@@ -168,6 +166,14 @@ def search(
     ripple = ripple_amplitudes(final, fitted.ripple.orders.whole, initial.lead)
     shifts = trip_shifts(trips, transients, inertia, final, fitted.ripple.orders)
     return SearchResult(final, unwhitened, fitted.from_rest, variation, profile, ripple, frame, shifts)
+
+
+def _profile(initial: InitialValues, position: float, frequency: float) -> Profile:
+    """Parameters of the fit, with the prior by data sheet and frequency (Hz) estimated at a position (m)."""
+    if initial.sheet is None:
+        return Profile(initial.curved)
+    expected = expected_mass_over_preload(initial.sheet, initial.load, position, frequency)
+    return Profile(initial.curved, *expected)
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,7 +292,7 @@ def _fit_new_or_worn(
     if not profile.mass_over_preload > 0:
         return modes
     priors = profile.priors(INITIAL_INFLATION)
-    worn = tuple(replace(mode, mass_over_preload=_WORN * mode.mass_over_preload) for mode in modes)
+    worn = tuple(replace(mode, mass_over_preload=_WORN * profile.mass_over_preload) for mode in modes)
     as_new, residual = fit_modes(blocks, modes, profile.fields, priors)
     as_worn, worn_residual = fit_modes(blocks, worn, profile.fields, priors)
     if worn_residual < residual + CLEAR_REDUCTION:

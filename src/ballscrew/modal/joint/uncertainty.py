@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import Quantity
@@ -40,15 +41,10 @@ def _cell_covariance(fit: JointFit) -> Array:
     scores = np.asarray(sum(_cell_scores(fit, i) for i in range(len(fit.blocks))))
     inverse = np.linalg.pinv(fit.hessian)
     # Effective number of parameters: a parameter counts by the part of its information that is from the data.
-    parameters = float(np.trace(inverse @ _data_information(fit)))
+    parameters = float(np.trace(inverse @ fit.information))
     count = len(scores)
     scatter = scores.T @ scores * (count / max(count - parameters, 1.0))
     return np.asarray(inverse @ scatter @ inverse)
-
-
-def _data_information(fit: JointFit) -> Array:
-    """Information of the data, without that of the priors, shape (parameters, parameters)."""
-    return np.asarray(sum(jacobian.T @ jacobian for jacobian in fit.jacobian))
 
 
 def _cell_scores(fit: JointFit, index: int) -> Array:
@@ -123,7 +119,7 @@ def _step_of_block(fit: JointFit, block: int) -> tuple[Array, Array]:
     Shapes (parameters,) and (cells, parameters).
     """
     jacobian, residual = fit.jacobian[block], fit.residual[block]
-    prior_information = fit.hessian - _data_information(fit)
+    prior_information = fit.hessian - fit.information
     information = jacobian.T @ jacobian + prior_information + _RIDGE_OF_RESPONSE * fit.hessian
     inverse = np.linalg.pinv(information)
     step = inverse @ (jacobian.T @ residual)
@@ -153,7 +149,7 @@ def variance_inflation(fit: JointFit, parameter: int) -> float:
         The larger of the two ratios, at least 1. A fit that takes its residuals for white noise, sample by
         sample, gives a variance that is too small by this factor.
     """
-    fit = replace(fit, hessian=np.asarray(sum(j.T @ j for j in fit.jacobian)))
+    fit = replace(fit, hessian=fit.information)
     white = float(np.linalg.pinv(fit.hessian)[parameter, parameter])
     by_cells = float(_cell_covariance(fit)[parameter, parameter])
     by_conditions = float(_condition_covariance(fit)[parameter, parameter])
@@ -299,15 +295,15 @@ def _frequency_gradient(fit: JointFit, mode_index: int, centred_position: Array)
     return out
 
 
-def cell_steps(fit: JointFit, parameter: int, blocks: Sequence[int]) -> tuple[Array, Array]:
+def cell_steps(fit: JointFit, parameters: NDArray[np.intp], blocks: Sequence[int]) -> tuple[Array, Array]:
     """Step of a parameter by the data of each cell alone, and the information of these data about it.
 
     Parameters
     ----------
     fit : JointFit
         The fit.
-    parameter : int
-        Index of the parameter; all others stay as fitted.
+    parameters : ndarray of int, shape (cells,)
+        Index of the parameter, for each cell; all others stay as fitted.
     blocks : sequence of int
         Indices of the blocks whose data are used.
 
@@ -318,13 +314,13 @@ def cell_steps(fit: JointFit, parameter: int, blocks: Sequence[int]) -> tuple[Ar
     information : ndarray, shape (cells,)
         One over the variance of each step, if residuals were white.
     """
-    score = np.zeros(len(fit.blocks[0].windows.cells))
-    information = np.zeros_like(score)
+    score, information = np.zeros(len(parameters)), np.zeros(len(parameters))
     for index in blocks:
-        column = fit.jacobian[index][:, parameter]
-        starts = [rows.start for rows in fit.blocks[index].rows]
-        score += np.add.reduceat(column * fit.residual[index], starts)
-        information += np.add.reduceat(column**2, starts)
+        jacobian, residual = fit.jacobian[index], fit.residual[index]
+        for cell, rows in enumerate(fit.blocks[index].rows):
+            derivative = jacobian[rows, parameters[cell]]
+            score[cell] += derivative @ residual[rows]
+            information[cell] += derivative @ derivative
     return score / np.maximum(information, 1e-300), information
 
 
@@ -348,7 +344,8 @@ def cell_deviations(fit: JointFit, block: int) -> tuple[Array, Array]:
     """
     # The first block is that of the mode with the rotor free, and the second that with the rotor held.
     parameter = fit.parameters.index(("compliance", block))
-    steps, information = cell_steps(fit, parameter, (block,))
+    parameters = np.full(len(fit.blocks[block].windows.cells), parameter)
+    steps, information = cell_steps(fit, parameters, (block,))
     b, residual = fit.blocks[block], fit.residual[block]
     f = mode_frequency(fit.modes[block], b.windows.stops)
     squares = np.array([np.sum(residual[rows] ** 2) for rows in b.rows])

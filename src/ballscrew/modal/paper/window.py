@@ -123,10 +123,10 @@ def tapered(
     spare = cell["length"].values - size
     slack = _SLACK * size  # a neighbour a little too near moves the window a little; more, and it is left out
     fits = (first >= -slack) & (first <= spare + slack) & (spare >= 0)
-    cell, first = cell.isel(transient=fits), np.clip(first, 0, spare)[fits]
-    index = first[:, None] + np.arange(size)
-    force = np.take_along_axis(cell["input"].values.astype(np.float64), index, axis=1)
-    response = np.take_along_axis(cell["acceleration"].values.astype(np.float64), index[None], axis=2)
+    index = np.clip(first, 0, spare)[fits][:, None] + np.arange(size)
+    forces, responses = cell["input"].values[fits], cell["acceleration"].values[:, fits]
+    force = np.take_along_axis(forces.astype(np.float64), index, axis=1)
+    response = np.take_along_axis(responses.astype(np.float64), index[None], axis=2)
     return (
         (force - force.mean(axis=-1, keepdims=True)) * hann,
         (response - response.mean(axis=-1, keepdims=True)) * hann,

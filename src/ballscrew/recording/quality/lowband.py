@@ -232,10 +232,9 @@ def fit_lag(
     def shifted(late: float) -> Array:
         return np.asarray(np.interp(rows + late * band.rate, index, signal))
 
-    def unexplained(late: float) -> float:
-        return _solve(columns, shifted(late))[1]
-
-    late = min(np.linspace(-_SEARCH, _SEARCH, _STEPS).tolist(), key=unexplained)
+    delays = np.linspace(-_SEARCH, _SEARCH, _STEPS)
+    unexplained = _solve(columns, np.array([shifted(delay) for delay in delays]))[1]
+    late = float(delays[np.argmin(unexplained)])
     for _ in range(_PASSES):
         answer, residual = _solve(columns, shifted(late))
         change = _delay(answer, scale, 1)
@@ -248,7 +247,7 @@ def fit_lag(
     names, number = np.unique(band.part[rows], return_inverse=True)
     group = number * min(_GROUPS, len(names)) // len(names)
     spread = _jackknife(columns, scale, 1, shifted(late), group)
-    return LagFit(float(answer[0] / scale[0]), late, spread, 1.0 - residual)
+    return LagFit(float(answer[0] / scale[0]), late, spread, float(1.0 - residual))
 
 
 def two_masses(band: LowBand, responses: Sequence[tuple[int, LagFit]]) -> TwoMasses | None:
@@ -306,15 +305,15 @@ def two_masses(band: LowBand, responses: Sequence[tuple[int, LagFit]]) -> TwoMas
     if not np.isfinite([late, spread]).all():
         return None
     model = (answer / scale)[[0, 1, 3]] @ whole[[0, 1, 3]]
-    fit = LagFit(float(answer[0] / scale[0]), late, spread, 1.0 - residual)
+    fit = LagFit(float(answer[0] / scale[0]), late, spread, float(1.0 - residual))
     return TwoMasses(fit, torque, model, tuple(spans), band.rate)
 
 
-def _solve(columns: Array, wanted: Array) -> tuple[Array, float]:
-    """Least-squares coefficients, and the unexplained share of the variance."""
-    answer = np.asarray(np.linalg.lstsq(columns.T, wanted, rcond=1e-10)[0], dtype=np.float64)
-    variance = max(float(np.var(wanted)), 1e-300)
-    return answer, float(np.var(wanted - answer @ columns)) / variance
+def _solve(columns: Array, wanted: Array) -> tuple[Array, Array]:
+    """Least-squares coefficients, and the unexplained share of the variance, of one signal or of each."""
+    answer = np.asarray(np.linalg.lstsq(columns.T, wanted.T, rcond=1e-10)[0], dtype=np.float64).T
+    variance = np.maximum(np.var(wanted, axis=-1), 1e-300)
+    return answer, np.asarray(np.var(wanted - answer @ columns, axis=-1) / variance)
 
 
 def _delay(answer: Array, scale: Array, row: int) -> float:
