@@ -16,7 +16,7 @@ from ballscrew.modal.joint.blocks import Block, make_block
 from ballscrew.modal.joint.fit import JointFit, fit_blocks, fit_modes
 from ballscrew.modal.joint.frame import FrameSearch, _with_frame, find_frame
 from ballscrew.modal.joint.identify import identify_jointly
-from ballscrew.modal.joint.initial import total_inertia
+from ballscrew.modal.joint.initial import expected_mass_over_preload, total_inertia
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
 from ballscrew.modal.joint.parameters import Modes, with_rotor_parts
 from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile
@@ -73,25 +73,30 @@ def test_a_frame_that_explains_nothing_beside_the_ripple_is_omitted(
     two = two_stops(run)
     plain = identify_jointly(two.trips, two.transients, sheet, LOAD)
     starts = []
-    fitted: list[Windows] = []
+    windows: list[Windows] = []
+    profiles: list[Profile] = []
     fit = search._fit_with_ripple
 
     def record(*given: Any) -> Any:
-        fitted.append(given[3])
+        windows.append(given[3])
+        profiles.append(given[5])
         return fit(*given)
 
     def find(plain: JointFit, *_: Profile, **__: bool) -> FrameSearch:
-        frequency = 1.48 * plain.modes[0].middle_frequency
-        starts.append(_with_frame(plain.blocks, plain.modes, frequency, 0.2))
+        higher = tuple(replace(mode, compliance=mode.compliance / 1.05**2) for mode in plain.modes)
+        starts.append(_with_frame(plain.blocks, higher, 1.48 * plain.modes[0].middle_frequency, 0.2))
         return FrameSearch(starts[-1], 0.1, 0.1)
 
     monkeypatch.setattr(search, "find_frame", find)
     monkeypatch.setattr(search, "_fit_with_ripple", record)
     found = identify_jointly(two.trips, two.transients, sheet, LOAD)
-    assert starts
-    with_frame, without, last = fitted
+    with_frame, without, last = windows
     assert with_frame is without  # their residuals are compared
     assert last is not without
+    axial = starts[-1][0].middle_frequency
+    expected = expected_mass_over_preload(sheet, LOAD, with_frame.middle, axial)[0]
+    assert profiles[0].mass_over_preload == pytest.approx(expected)
+    assert profiles[1].mass_over_preload == profiles[2].mass_over_preload > 1.05 * expected
     assert found.frame_mode is None
     assert found == plain
 

@@ -344,6 +344,18 @@ def test_a_time_without_a_zone_is_in_utc(new_window: Any) -> None:
     assert shown == ["31 Jan 2026, 17:00", datetime(2026, 1, 31, 8, tzinfo=UTC).timestamp()]
 
 
+def test_an_error_while_a_chart_is_drawn_is_shown(new_window: Any) -> None:
+    window = new_window()
+    window.expected.add(503)
+    address = re.compile(f"/api/v1/axes/{HOSTILE_URL}/history")
+    detail = '{"detail": "the store is being migrated"}'
+    window.page.route(address, lambda route: route.fulfill(status=503, body=detail))
+    window.page.goto(f"/compare?a=bench&b={HOSTILE_URL}")
+    place = window.page.locator("[data-chart=trends].message")
+    assert place.inner_text() == "the store is being migrated"
+    assert place.get_attribute("aria-busy") is None
+
+
 def test_the_language_is_changed_with_the_filter_and_remembered(new_window: Any) -> None:
     window = new_window(locale="en-GB")
     page = window.open("/")

@@ -344,7 +344,7 @@
 
   ballscrew.charts.trends = async (place, first) => {
     const words = wordsOf(place);
-    const both = [first, await (await fetch(place.dataset.other)).json()];
+    const both = [first, await fetched(place.dataset.other, () => {})];
     const tables = both.map(({ history }) => {
       const rows = history.filter((row) => row.measured_at && row.stiffness !== null);
       return [rows.map((row) => ballscrew.instant(row.measured_at).getTime() / 1000), ...["stiffness", "stiffness_low", "stiffness_high"].map((name) => rows.map((row) => 100 * row[name]))];
