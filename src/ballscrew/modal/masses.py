@@ -104,6 +104,7 @@ def frf_equivalent_mass(transients: xr.Dataset, scale: float, mode: float | None
     rate = float(transients.attrs["sample_rate"])
     top = _HIGHEST_LINE if mode is None else min(_HIGHEST_LINE, _PART_OF_MODE * mode)
     groups = group_rows(complete, "position_m", "condition").values()
+    # Without the coordinates, which take most of the time of a selection.
     signals = complete[["onset", "end", "length", "input", "acceleration"]].reset_coords(drop=True)
     sums = [_products(signals.isel(transient=rows), rate, top, scale) for rows in groups]
     count = len(sums)

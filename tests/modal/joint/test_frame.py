@@ -71,21 +71,23 @@ def test_a_frame_that_explains_nothing_beside_the_ripple_is_omitted(
     run: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     two = two_stops(run)
-    plain = identify_jointly(two.trips, two.transients, sheet, LOAD)
-    starts = []
+    unchanged = identify_jointly(two.trips, two.transients, sheet, LOAD)
+    starts: list[Modes] = []
     windows: list[Windows] = []
     profiles: list[Profile] = []
     fit = search._fit_with_ripple
 
     def record(*given: Any) -> Any:
         windows.append(given[3])
+        starts.append(given[4])
         profiles.append(given[5])
         return fit(*given)
 
     def find(plain: JointFit, *_: Profile, **__: bool) -> FrameSearch:
         higher = tuple(replace(mode, compliance=mode.compliance / 1.05**2) for mode in plain.modes)
-        starts.append(_with_frame(plain.blocks, higher, 1.48 * plain.modes[0].middle_frequency, 0.2))
-        return FrameSearch(starts[-1], 0.1, 0.1)
+        framed = _with_frame(plain.blocks, higher, 1.48 * plain.modes[0].middle_frequency, 0.2)
+        starts.extend([plain.modes, framed])
+        return FrameSearch(framed, 0.1, 0.1)
 
     monkeypatch.setattr(search, "find_frame", find)
     monkeypatch.setattr(search, "_fit_with_ripple", record)
@@ -93,12 +95,14 @@ def test_a_frame_that_explains_nothing_beside_the_ripple_is_omitted(
     with_frame, without, last = windows
     assert with_frame is without  # their residuals are compared
     assert last is not without
-    axial = starts[-1][0].middle_frequency
+    plain, framed, *fitted = starts
+    assert fitted == [framed, plain, plain]
+    axial = framed[0].middle_frequency
     expected = expected_mass_over_preload(sheet, LOAD, with_frame.middle, axial)[0]
     assert profiles[0].mass_over_preload == pytest.approx(expected)
     assert profiles[1].mass_over_preload == profiles[2].mass_over_preload > 1.05 * expected
     assert found.frame_mode is None
-    assert found == plain
+    assert found == unchanged
 
 
 def _plain(blocks: Sequence[Block], modes: Modes) -> JointFit:

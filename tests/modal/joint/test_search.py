@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -23,16 +24,16 @@ NEW = AxialMode(1e-6, 1.0, 0.0, 0.03, 0.1, 0.5, 0.1, 300.0, 0.03)
 def test_a_worn_nut_is_chosen_if_its_residual_is_clearly_smaller(
     monkeypatch: pytest.MonkeyPatch, gain: float, worn: bool
 ) -> None:
-    def fitted(_blocks: Any, modes: tuple[AxialMode, ...], *_: Any) -> Any:
+    def fitted(_blocks: Any, modes: Sequence[AxialMode], *_: Any) -> Any:
         return modes, -gain if modes[0].mass_over_preload > NEW.mass_over_preload else 0.0
 
     monkeypatch.setattr(search, "fit_modes", fitted)
-    (chosen,) = search._fit_new_or_worn([], (NEW,), Profile(False, NEW.mass_over_preload))
-    assert (chosen.mass_over_preload > NEW.mass_over_preload) == worn
+    (chosen,) = search._fit_new_or_worn([], (NEW,), Profile(False, 0.5), 0.9)
+    assert chosen.mass_over_preload == (0.9 if worn else NEW.mass_over_preload)
 
 
 def test_without_a_sheet_there_is_one_start() -> None:
-    assert search._fit_new_or_worn([], (NEW,), Profile(False, 0.0)) == (NEW,)
+    assert search._fit_new_or_worn([], (NEW,), Profile(False, 0.0), 0.0) == (NEW,)
 
 
 RATE, LENGTH = 1000.0, 200

@@ -184,6 +184,15 @@ def test_the_delay_follows_a_shift_of_either_channel(run):
     assert response - late == pytest.approx(20 / 12800, abs=5e-6)
 
 
+@pytest.mark.parametrize("milliseconds", [-45, 45])
+def test_a_long_delay_of_a_channel_is_found(run, milliseconds):
+    shift = round(12.8 * milliseconds)
+    aligned = align(changed(run.one, lambda _, x: np.roll(x, shift), "acc1_x", "acc2_x"))
+    band = low_band(aligned, find_phases(kinematics(aligned.position, aligned.rate)))
+    responses = compare_with_encoder(band, derived=(False, False)).responses
+    assert [fit.late for fit in responses] == pytest.approx(2 * [milliseconds * 1e-3], abs=0.1e-3)
+
+
 def test_a_position_that_comes_late_shifts_neither(run):
     late, _ = delay_of(run.one)
     encoder, _ = delay_of(

@@ -46,7 +46,7 @@ MARKUP = "\"><script>alert(2)</script>{{ 7 * 7 }}' onmouseover='alert(3)"
 LISTENER = """addEventListener("securitypolicyviolation", (event) =>
   console.error(`policy: ${event.violatedDirective} ${event.blockedURI} ${event.sourceFile}`));"""
 CHARTS_ARE_DRAWN = """() => [...document.querySelectorAll("[data-chart]")].every(
-  (each) => each.dataset.drawn && !each.ariaBusy)"""
+  (each) => each.dataset.drawn === "done")"""
 
 
 def find_chromium() -> str | None:
@@ -160,6 +160,7 @@ class Window:
         self.page.goto(path)
         self.page.wait_for_function(CHARTS_ARE_DRAWN)
         assert self.page.locator("[data-chart].message").all_inner_texts() == []
+        assert self.page.locator("[data-chart]:empty").count() == 0
         return self.page
 
     def close(self) -> None:

@@ -22,7 +22,7 @@ from playwright.sync_api import Error as BrowserError
 from starlette.routing import compile_path
 from tests.service import raw_runs
 from tests.service.conftest import client_of, send_result, wait_for, work_off
-from tests.service.pages.browser import HOSTILE, Window, make_plant, serving
+from tests.service.pages.browser import CHARTS_ARE_DRAWN, HOSTILE, Window, make_plant, serving
 from tests.store.stored import RUNS
 
 from ballscrew.base.result import not_executed
@@ -344,16 +344,28 @@ def test_a_time_without_a_zone_is_in_utc(new_window: Any) -> None:
     assert shown == ["31 Jan 2026, 17:00", datetime(2026, 1, 31, 8, tzinfo=UTC).timestamp()]
 
 
-def test_an_error_while_a_chart_is_drawn_is_shown(new_window: Any) -> None:
+def test_the_second_axis_of_a_comparison_is_waited_for_and_its_error_is_shown(new_window: Any) -> None:
     window = new_window()
-    window.expected.add(503)
-    address = re.compile(f"/api/v1/axes/{HOSTILE_URL}/history")
-    detail = '{"detail": "the store is being migrated"}'
-    window.page.route(address, lambda route: route.fulfill(status=503, body=detail))
-    window.page.goto(f"/compare?a=bench&b={HOSTILE_URL}")
-    place = window.page.locator("[data-chart=trends].message")
-    assert place.inner_text() == "the store is being migrated"
-    assert place.get_attribute("aria-busy") is None
+    window.expected |= {404, 503}
+    requests: list[Route] = []
+
+    def answer(route: Route) -> None:
+        requests.append(route)
+        if len(requests) == 1:
+            busy = {"detail": "the store is busy."}
+            route.fulfill(status=503, json=busy, headers={"Retry-After": "0.1"})
+
+    page = window.page
+    page.route(re.compile(re.escape(f"/api/v1/axes/{HOSTILE_URL}/history")), answer)
+    page.goto(f"/compare?a=bench&b={HOSTILE_URL}")
+    place = page.locator("[data-chart=trends]")
+    page.get_by_text("the store is busy.").wait_for()
+    while len(requests) < 2:
+        page.wait_for_timeout(50)
+    assert place.get_attribute("data-drawn") == "yes"
+    requests[1].fulfill(status=404, json={"detail": "there is no such axis."})
+    page.wait_for_function(CHARTS_ARE_DRAWN)
+    assert place.inner_text() == "there is no such axis."
 
 
 def test_the_language_is_changed_with_the_filter_and_remembered(new_window: Any) -> None:

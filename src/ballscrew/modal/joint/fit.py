@@ -91,10 +91,12 @@ class JointFit:
         Derivatives of each block's whitened model, less their projection on its columns, times its weight.
     residual : tuple of ndarray, shape (n * responses,)
         Whitened residual of each block times its weight.
-    information, hessian : ndarray, shape (parameters, parameters)
-        Hessian of half the cost, in the Gauss-Newton approximation, by the data alone and with the priors.
-        The cost is the sum of the squares of ``residual`` and of the deviations from the priors, in standard
-        deviations times the root of SAMPLES_PER_INDEPENDENT.
+    information : ndarray, shape (parameters, parameters)
+        Part of ``hessian`` by the data, without the priors.
+    hessian : ndarray, shape (parameters, parameters)
+        Hessian of half the cost, in the Gauss-Newton approximation, with the priors. The cost is the sum of
+        the squares of ``residual`` and of the deviations from the priors, in standard deviations times the
+        root of SAMPLES_PER_INDEPENDENT.
     """
 
     modes: Modes

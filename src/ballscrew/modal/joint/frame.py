@@ -102,7 +102,7 @@ def find_frame(plain: JointFit, profile: Profile, *, pitch_measured: bool) -> Fr
     plain : JointFit
         Fit without a frame, ripple and whitening.
     profile : Profile
-        Which parameters were fitted.
+        Parameters and priors of that fit.
     pitch_measured : bool
         Whether the difference of two accelerometers shows the pitching mode.
 

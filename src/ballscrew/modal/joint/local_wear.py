@@ -213,12 +213,12 @@ def _local_information(fit: JointFit, is_local: NDArray[np.bool_]) -> tuple[Arra
     (stops,).
     """
     at, rest = np.flatnonzero(is_local), np.flatnonzero(~is_local)
-    hessian = fit.information
     score = np.asarray(sum(j.T @ r for j, r in zip(fit.jacobian, fit.residual, strict=True)))
-    regression = np.linalg.pinv(hessian[np.ix_(rest, rest)]) @ hessian[np.ix_(rest, at)]
-    information = hessian[np.ix_(at, at)] - hessian[np.ix_(at, rest)] @ regression
+    crossed = fit.information[np.ix_(rest, at)]
+    regression = np.linalg.pinv(fit.information[np.ix_(rest, rest)]) @ crossed
+    of_local = fit.information[np.ix_(at, at)] - crossed.T @ regression
     step = score[at] - regression.T @ score[rest]
-    return information, step + information @ np.array(fit.modes[0].local)
+    return of_local, step + of_local @ np.array(fit.modes[0].local)
 
 
 def _inflation(fit: JointFit, parameters: NDArray[np.intp]) -> tuple[float, int]:

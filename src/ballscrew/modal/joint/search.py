@@ -64,7 +64,7 @@ _AFTER_SLIDING = 0.015  # s
 OTHER_NUT = 1.5
 """Ratio of the expected to the fitted mass over preload from which on the fit may have missed a worn nut."""
 
-_WORN = 10.0  # initial mass over preload of the fit of a worn nut, over that of the fit of a new one
+_WORN = 10.0  # initial mass over preload of the fit of a worn nut, over that by the nominal preload
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +111,8 @@ def search(
     """Search for the modes of a run and fit them.
 
     The steps: locate the axial and the pitching mode by their frequencies, with compliance, slope and damping
-    alone; search for a mode of the frame; find a worn nut, fit the whole profile along the axis, and select
-    the ripple of the motor; fit everything once more with whitened residuals.
+    alone; fit the whole profile; search for a mode of the frame; find a worn nut, fit again, and select the
+    ripple of the motor; fit everything once more with whitened residuals.
 
     Parameters
     ----------
@@ -197,7 +197,8 @@ def _fit_with_ripple(
     profile: Profile,
 ) -> _FitWithRipple:
     """Fit the whole profile along the axis, then again with the ripple of the motor."""
-    modes = _fit_new_or_worn(_unwhitened_blocks(names, subset(w)), modes, profile)
+    worn = _WORN * initial.mass_over_preload
+    modes = _fit_new_or_worn(_unwhitened_blocks(names, subset(w)), modes, profile, worn)
     blocks = _unwhitened_blocks(names, w)
     plain, variation = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
     plain, variation = _refit_with_expected_nut(blocks, plain, variation, profile)
@@ -281,23 +282,24 @@ def _with_best_pitch(
 
 
 def _fit_new_or_worn(
-    blocks: Sequence[Block], modes: tuple[AxialMode, ...], profile: Profile
+    blocks: Sequence[Block], modes: tuple[AxialMode, ...], profile: Profile, worn: float
 ) -> tuple[AxialMode, ...]:
-    """Fit the modes from a new nut and from a worn one; those of the latter if it fits clearly better.
+    """Fit the modes as given, and with a worn nut; those of the latter if it fits clearly better.
 
     A nut softens until the load is about three times its preload, where one flank loses contact, and stiffens
     beyond. The cost may therefore have two minima, and an iteration that begins near one may not reach the
-    other. Without a data sheet nothing is fitted.
+    other. ``worn`` is the mass over preload of the second start, kg/N. Without a data sheet nothing is
+    fitted.
     """
     if not profile.mass_over_preload > 0:
         return modes
     priors = profile.priors(INITIAL_INFLATION)
-    worn = tuple(replace(mode, mass_over_preload=_WORN * profile.mass_over_preload) for mode in modes)
-    as_new, residual = fit_modes(blocks, modes, profile.fields, priors)
-    as_worn, worn_residual = fit_modes(blocks, worn, profile.fields, priors)
+    with_worn_nut = [replace(mode, mass_over_preload=worn) for mode in modes]
+    as_given, residual = fit_modes(blocks, modes, profile.fields, priors)
+    as_worn, worn_residual = fit_modes(blocks, with_worn_nut, profile.fields, priors)
     if worn_residual < residual + CLEAR_REDUCTION:
         return as_worn
-    return as_new
+    return as_given
 
 
 def _refit_with_expected_nut(

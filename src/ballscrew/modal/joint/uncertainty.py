@@ -296,14 +296,14 @@ def _frequency_gradient(fit: JointFit, mode_index: int, centred_position: Array)
 
 
 def cell_steps(fit: JointFit, parameters: NDArray[np.intp], blocks: Sequence[int]) -> tuple[Array, Array]:
-    """Step of a parameter by the data of each cell alone, and the information of these data about it.
+    """Step of one parameter of each cell by its data alone, and the information of these data about it.
 
     Parameters
     ----------
     fit : JointFit
         The fit.
     parameters : ndarray of int, shape (cells,)
-        Index of the parameter, for each cell; all others stay as fitted.
+        Index of the parameter of each cell; all others stay as fitted.
     blocks : sequence of int
         Indices of the blocks whose data are used.
 

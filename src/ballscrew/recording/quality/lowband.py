@@ -310,7 +310,10 @@ def two_masses(band: LowBand, responses: Sequence[tuple[int, LagFit]]) -> TwoMas
 
 
 def _solve(columns: Array, wanted: Array) -> tuple[Array, Array]:
-    """Least-squares coefficients, and the unexplained share of the variance, of one signal or of each."""
+    """Least-squares coefficients, and the unexplained share of the variance.
+
+    ``wanted`` has the shape (n,), or (k, n) for k signals; those of the results begin with k then.
+    """
     answer = np.asarray(np.linalg.lstsq(columns.T, wanted.T, rcond=1e-10)[0], dtype=np.float64).T
     variance = np.maximum(np.var(wanted, axis=-1), 1e-300)
     return answer, np.asarray(np.var(wanted - answer @ columns, axis=-1) / variance)

@@ -241,16 +241,16 @@ const ballscrew = (() => {
       note.textContent = text;
       place.prepend(note);
     };
-    place.setAttribute("aria-busy", "true");
     try {
       const data = source ? await fetched(source, wait) : null;
       note.remove();
-      await charts[chart](place, data);
+      await charts[chart](place, data, wait);
+      note.remove();
     } catch (error) {
       place.textContent = error.message;
       place.classList.add("message");
     }
-    place.removeAttribute("aria-busy");
+    place.dataset.drawn = "done";
   }
 
   function drawCharts(root) {

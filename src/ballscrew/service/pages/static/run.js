@@ -231,7 +231,7 @@
       }
       for (const button of document.querySelectorAll("[data-move]")) button.addEventListener("click", () => this.move(button.dataset.move));
       this.channels.filter((each) => this.chosen.has(each.name)).forEach((each) => this.open(each));
-      this.load();
+      return this.load();
     }
 
     choose(name, wanted) {
@@ -342,9 +342,9 @@
 
   // --- trends of two axes ------------------------------------------------------------------------------------
 
-  ballscrew.charts.trends = async (place, first) => {
+  ballscrew.charts.trends = async (place, first, wait) => {
     const words = wordsOf(place);
-    const both = [first, await fetched(place.dataset.other, () => {})];
+    const both = [first, await fetched(place.dataset.other, wait)];
     const tables = both.map(({ history }) => {
       const rows = history.filter((row) => row.measured_at && row.stiffness !== null);
       return [rows.map((row) => ballscrew.instant(row.measured_at).getTime() / 1000), ...["stiffness", "stiffness_low", "stiffness_high"].map((name) => rows.map((row) => 100 * row[name]))];
