@@ -1,16 +1,20 @@
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 from tests.modal.joint.conftest import SmallRun
 
 from ballscrew.modal.joint.blocks import make_block
-from ballscrew.modal.joint.fit import fit_blocks, with_local_parameters
+from ballscrew.modal.joint.fit import JointFit, fit_blocks, with_local_parameters
 from ballscrew.modal.joint.initial import total_inertia
 from ballscrew.modal.joint.local_wear import (
     _SIGNIFICANT,
     _SPREADS,
     LocalVariation,
+    _inflation,
     _log_likelihood,
     _smooth_basis,
     local_fields,
@@ -22,6 +26,22 @@ from ballscrew.modal.joint.simulation import LOAD_STEP, SOFTENING
 from ballscrew.modal.joint.windows import average_windows
 
 PLACES = (-0.2, -0.1, 0.05, 0.2)
+
+
+def test_the_inflation_is_the_scatter_of_cells_about_means_of_stops_and_conditions() -> None:
+    """Of two stops in two conditions one degree of freedom remains, in which all four deviate alike."""
+    cells = [SimpleNamespace(position=x, condition=c, motion=0) for x in (0.1, 0.3) for c in ("PA", "NA")]
+    windows = SimpleNamespace(cells=cells, middle=0.2)
+    steps = 3.0 * np.array([1, -1, -1, 1]) + np.array([5, 5, 7, 7]) + np.array([0, 2, 0, 2])
+    fit = SimpleNamespace(
+        blocks=[SimpleNamespace(windows=windows, rows=[slice(k, k + 1) for k in range(4)])],
+        modes=[SimpleNamespace(stops=(-0.1, 0.1))],
+        jacobian=[np.array([[9.0, 1, 0], [9, 1, 0], [9, 0, 1], [9, 0, 1]])],
+        residual=[steps],
+    )
+    inflation, freedom = _inflation(cast(JointFit, fit), np.array([1, 2]))
+    assert freedom == 1
+    assert inflation == pytest.approx(4 * 3.0**2)
 
 
 def test_the_smooth_course_is_a_line_or_a_parabola() -> None:

@@ -12,10 +12,12 @@ import pytest
 from ballscrew.modal.joint import search
 from ballscrew.modal.joint.blocks import Block, Projection
 from ballscrew.modal.joint.fit import JointFit
+from ballscrew.modal.joint.initial import InitialValues
 from ballscrew.modal.joint.local_wear import UNKNOWN
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.profile import Profile
 from ballscrew.modal.joint.settings import JointSettings
+from ballscrew.modal.joint.windows import Windows
 
 NEW = AxialMode(1e-6, 1.0, 0.0, 0.03, 0.1, 0.5, 0.1, 300.0, 0.03)
 
@@ -30,6 +32,23 @@ def test_a_worn_nut_is_chosen_if_its_residual_is_clearly_smaller(
     monkeypatch.setattr(search, "fit_modes", fitted)
     (chosen,) = search._fit_new_or_worn([], (NEW,), Profile(False, 0.5), 0.9)
     assert chosen.mass_over_preload == (0.9 if worn else NEW.mass_over_preload)
+
+
+def test_the_worn_start_is_at_a_tenth_of_the_nominal_preload(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And not at a tenth of the fitted or expected one, which may be that of a worn nut."""
+    starts: list[float] = []
+
+    def stop(*given: Any) -> None:
+        starts.append(given[3])
+        raise StopIteration
+
+    monkeypatch.setattr(search, "_unwhitened_blocks", lambda *_: [])
+    monkeypatch.setattr(search, "subset", lambda w: w)
+    monkeypatch.setattr(search, "_fit_new_or_worn", stop)
+    initial = InitialValues(300.0, 200.0, 1.0, mass_over_preload=0.2)
+    with pytest.raises(StopIteration):
+        search._fit_with_ripple([], (), initial, cast(Windows, None), (NEW,), Profile(False, 0.5))
+    assert starts == [pytest.approx(2.0)]
 
 
 def test_without_a_sheet_there_is_one_start() -> None:

@@ -17,6 +17,7 @@ from ballscrew.modal.joint.uncertainty import (
     _cell_covariance,
     _condition_covariance,
     _frequency_gradient,
+    cell_steps,
     response_difference,
     tie_slopes,
 )
@@ -30,6 +31,18 @@ def both(run: SmallRun) -> JointFit:
     windows = found.blocks[0].windows
     blocks = [make_block(name, windows) for name in ("torque-nut", "torque-motor")]
     return fit_blocks(blocks, found.modes[:1], ("compliance", "damping", "slope"))
+
+
+def test_a_cell_has_its_step_and_its_information_by_all_blocks(both: JointFit) -> None:
+    windows = both.blocks[0].windows
+    parameters = np.arange(len(windows.cells)) % len(both.parameters)
+    steps, information = cell_steps(both, parameters, (0, 1))
+    for cell, parameter in enumerate(parameters.tolist()):
+        rows = [(index, both.blocks[index].rows[cell]) for index in (0, 1)]
+        column = np.concatenate([both.jacobian[index][of_cell, parameter] for index, of_cell in rows])
+        residual = np.concatenate([both.residual[index][of_cell] for index, of_cell in rows])
+        assert steps[cell] == pytest.approx(np.linalg.lstsq(column[:, None], residual)[0][0])
+        assert information[cell] == pytest.approx(np.sum(column**2))
 
 
 def test_responses_of_one_mode_agree(both: JointFit) -> None:
