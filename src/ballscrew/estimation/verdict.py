@@ -127,8 +127,8 @@ def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False)
         if run.frame_mode is None:
             with_frame, other = "baseline", "run"
         reasons.append(
-            f"a mode of the machine's frame was found in the {with_frame} and not in the {other}: "
-            "their frequencies are not of the same mode"
+            f"a mode of the machine's frame or of the pitching table was found in the {with_frame} and not "
+            f"in the {other}: their frequencies are not of the same mode"
         )
     clocks = clock_difference(run.clock, None if baseline is None else baseline.clock)
     if clocks is not None:

@@ -93,7 +93,7 @@ class MotorRipple:
 
 @dataclass(frozen=True, slots=True)
 class FrameMode:
-    """Mode of the machine's frame near the axial one, fitted with it.
+    """Mode of the machine's frame or of the pitching table near the axial one, fitted with it.
 
     Parameters
     ----------
@@ -102,12 +102,14 @@ class FrameMode:
     damping_ratio : float
         Of the frame.
     mass_ratio : float or None
-        Mass of the frame that moves along the axis, over the moving mass; None without an accelerometer at
-        the nut.
+        Mass of the frame that moves along the axis, over the moving mass; None for a table that pitches,
+        and without an accelerometer at the nut.
     residual_ratio : float
         Rms residual of the fit with the frame over that without, the pitching mode being fitted in both.
     distinct : bool
         Whether the run shows which of the two modes is the axis.
+    pitching : bool
+        Whether the table pitches, by two accelerometers; if so, its frequency takes the frame's place.
     """
 
     frequency_Hz: float  # noqa: N815  the unit's own letters
@@ -116,6 +118,7 @@ class FrameMode:
     mass_ratio: float | None
     residual_ratio: float
     distinct: bool
+    pitching: bool = False
 
 
 @dataclass(frozen=True, repr=False)

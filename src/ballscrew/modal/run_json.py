@@ -79,6 +79,7 @@ FIELDS: Mapping[str, json_fields.Field] = {
     "mass_ratio": json_fields.number(0.0, 1e6, optional=True),
     "residual_ratio": json_fields.number(0.0, 1.0),
     "distinct": json_fields.flag,
+    "pitching": json_fields.flag,
     # table_rotation
     "direction": json_fields.choice("pitch", "yaw"),
     "ratio_at_mode": json_fields.number(0.0, 1e6, optional=True),

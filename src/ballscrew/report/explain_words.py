@@ -239,7 +239,7 @@ def _ripple(run: Run) -> tuple[str, ...]:
 
 
 def frame_words(mode: FrameMode) -> str:
-    """Sentence on the mode of the frame.
+    """Sentence on the mode of the frame or of the pitching table.
 
     Parameters
     ----------
@@ -251,7 +251,10 @@ def frame_words(mode: FrameMode) -> str:
     str
         Frequency with its 95 % interval, and what it means for the frequencies reported.
     """
-    text = f"The machine's frame has a mode at {_value(mode.frequency_Hz, mode.standard_uncertainty_Hz)}"
+    frequency = _value(mode.frequency_Hz, mode.standard_uncertainty_Hz)
+    if mode.pitching:
+        return f"The table pitches at {frequency}. Frequencies are those of the axis without pitching."
+    text = f"The machine's frame has a mode at {frequency}"
     if mode.mass_ratio is not None:
         text += f", with {mode.mass_ratio:.1f} times the moving mass"
     return f"{text}. Frequencies are those of the axis with the frame blocked."

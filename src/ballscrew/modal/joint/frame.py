@@ -47,6 +47,9 @@ _ROTOR_PART = 0.6  # rotor's part of the total inertia, if the rotor-held freque
 _LEAST_REDUCTION = 0.09
 # The same where the search is repeated with a high pitching mode: it is 0.06 at least in those runs.
 _LEAST_REDUCTION_WITHOUT_PITCH = 0.05
+# The same where the mode found is that in which the table pitches.
+_LEAST_REDUCTION_BY_PITCH = 0.05
+_SAME_PITCH = 0.02  # largest difference of ln(frequency) from that of the pitching mode
 LEAST_REDUCTION_BESIDE_RIPPLE = 0.15
 """Least reduction of the log residual by frame and pitching mode together, with the ripple fitted.
 
@@ -61,7 +64,6 @@ _LARGEST_FREQUENCY = 2.2
 
 _DISTINCT = 0.1  # margin of a FrameSearch above which the run shows which of the two modes is the axis
 _SAME = 0.01  # largest difference of ln(frequency) of two fits in which the same mode is the axis
-_FIELDS = ("frame", "frame_damping", "coupling")  # fields of AxialMode that describe the frame
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +80,14 @@ class FrameSearch:
     margin : float
         Log residual with axis and frame interchanged, less that of ``modes``. If no such fit was found, the
         log residual without a frame takes its place.
+    pitching : bool
+        Whether the mode is that in which the table pitches.
     """
 
     modes: Modes
     reduction: float
     margin: float
+    pitching: bool = False
 
     @property
     def distinct(self) -> bool:
@@ -112,7 +117,7 @@ def find_frame(plain: JointFit, profile: Profile, *, pitch_measured: bool) -> Fr
         None if the run shows no frame.
     """
     found = None
-    if frame_scores(plain).max() >= _LEAST_SCORE:
+    if profile.pitch > 0 or frame_scores(plain).max() >= _LEAST_SCORE:
         found = _frame_beside(plain, profile, plain.log_residual, _LEAST_REDUCTION)
     if found is not None or pitch_measured:
         return found
@@ -126,7 +131,7 @@ def find_frame(plain: JointFit, profile: Profile, *, pitch_measured: bool) -> Fr
     # Without a response of the nut the pitching mode explains nothing, and the search would repeat the first.
     if by_pitch <= 0 or score < max(_LEAST_SCORE, _LEAST_PART * by_pitch):
         return None
-    with_pitch = _residual_without_frame(plain, replace(profile, pitch=plain.modes[0].pitch))
+    with_pitch = _residual_with_pitch(plain, profile)
     return _frame_beside(
         without_pitch, profile, min(plain.log_residual, with_pitch), _LEAST_REDUCTION_WITHOUT_PITCH
     )
@@ -140,28 +145,30 @@ def _frame_beside(
     ``residual_without`` is a log residual that some fit without a frame reaches, and ``least_reduction`` the
     least reduction of it by the frame.
     """
-    with_frame = replace(profile, pitch=plain.modes[0].pitch)
+    with_frame = replace(profile, pitch=plain.modes[0].pitch, frame=True)
     priors = with_frame.priors(INITIAL_INFLATION)
-    residual_without = min(residual_without, _residual_without_frame(plain, with_frame))
+    residual_without = min(residual_without, _residual_with_pitch(plain, profile))
     fits = [fit_modes(plain.blocks, start, with_frame.fields, priors) for start in _starts(plain)]
     fits.sort(key=lambda fit: fit[1])  # the lower log residual first
     best, residual = fits[0]
     other, other_residual = fits[1]
     reduction = residual_without - residual
+    pitching = profile.pitch > 0 and abs(math.log(best[0].frame / best[0].pitch)) < _SAME_PITCH
+    if pitching:
+        least_reduction = _LEAST_REDUCTION_BY_PITCH
     too_heavy = best[0].coupling * _MOST_MASS < 1
     if reduction < least_reduction or too_heavy or not _is_near(best[0]):
         return None
     same_axis = abs(math.log(other[0].middle_frequency / best[0].middle_frequency)) < _SAME
     if same_axis or not _is_near(other[0]):
         other_residual = residual_without  # no fit with axis and frame interchanged was found
-    return FrameSearch(best, reduction, other_residual - residual)
+    return FrameSearch(best, reduction, other_residual - residual, pitching)
 
 
-def _residual_without_frame(plain: JointFit, profile: Profile) -> float:
-    """Log residual of a fit of all parameters of a profile except those of the frame."""
-    fields = [field for field in profile.fields if field not in _FIELDS]
-    priors = [prior for prior in profile.priors(INITIAL_INFLATION) if prior.fields[0][0] not in _FIELDS]
-    return fit_modes(plain.blocks, plain.modes, fields, priors)[1]
+def _residual_with_pitch(plain: JointFit, profile: Profile) -> float:
+    """Log residual of a fit of the parameters of a profile and of the pitching mode."""
+    with_pitch = replace(profile, pitch=plain.modes[0].pitch)
+    return fit_modes(plain.blocks, plain.modes, with_pitch.fields, with_pitch.priors(INITIAL_INFLATION))[1]
 
 
 def _is_near(mode: AxialMode) -> bool:

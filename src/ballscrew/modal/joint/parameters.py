@@ -23,14 +23,17 @@ Parameter = tuple[str, int | None]
 LOCAL = "local:"
 """Beginning of the field of a local compliance."""
 
-FRAME_FIELDS = ("frame", "frame_damping", "coupling", "pitch", "pitch_damping")
+FRAME_FIELDS = ("frame", "frame_damping", "coupling")
 """Fields fitted where the frame has a mode near the axial one."""
+
+PITCH_FIELDS = ("pitch", "pitch_damping")
+"""Fields fitted where the table pitches near the axial mode, or the frame has a mode near it."""
 
 MODE_FIELDS = ("compliance", "slope", "curve", "damping")
 """Fields with one value for the rotor free and another for the rotor held; the others have the same value."""
 
 # Fields whose logarithm is the parameter.
-LOGARITHMIC = ("compliance", "damping", "mass_over_preload", *FRAME_FIELDS)
+LOGARITHMIC = ("compliance", "damping", "mass_over_preload", *FRAME_FIELDS, *PITCH_FIELDS)
 # Least and largest value of a field, all without unit. They are wider than the values of any machine: a trial
 # step of the fit stays where the model is defined.
 _LIMITS = {

@@ -22,7 +22,7 @@ from ballscrew.modal.joint.local_wear import (
     with_stops,
 )
 from ballscrew.modal.joint.mode import FORM_DEVIATION, FORM_MEAN, AxialMode
-from ballscrew.modal.joint.parameters import FRAME_FIELDS
+from ballscrew.modal.joint.parameters import FRAME_FIELDS, PITCH_FIELDS
 from ballscrew.modal.joint.uncertainty import variance_inflation
 
 # Prior of the damping ratio's exponent along the axis: between hysteresis (0) and damping in the springs (1),
@@ -30,8 +30,9 @@ from ballscrew.modal.joint.uncertainty import variance_inflation
 _POWER_MEAN = 0.5
 _POWER_DEVIATION = 0.7
 
-# Priors where the frame has a mode. Of damping ratios: median, and standard deviation of the logarithm.
-_FRAME_PRIORS = {"frame_damping": (0.05, 0.9), "pitch_damping": (0.03, 0.7)}
+# Priors of damping ratios: median, and standard deviation of the logarithm.
+_FRAME_DAMPING = (0.05, 0.9)
+_PITCH_DAMPING = (0.03, 0.7)
 _PITCH_DEVIATION = 0.05  # standard deviation of ln(pitching frequency), whose median is the initial one
 
 _ROUNDS = 3  # largest number of fits, each with inflation and local variation estimated from the previous one
@@ -56,8 +57,9 @@ class Profile:
         Results of :func:`~ballscrew.modal.joint.initial.expected_mass_over_preload`: value (kg/N), standard
         deviation of its logarithm, and lower limit (kg/N); 0 without a data sheet.
     pitch : float
-        Initial frequency of the pitching mode, Hz, for an axis with a mode of the frame: both are then
-        fitted. 0 without a mode of the frame.
+        Initial frequency of the pitching mode, Hz, where it is fitted; else 0.
+    frame : bool
+        Whether a mode of the frame is fitted.
     """
 
     curved: bool
@@ -65,6 +67,7 @@ class Profile:
     load_deviation: float = 0.0
     least_mass_over_preload: float = 0.0
     pitch: float = 0.0
+    frame: bool = False
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -76,12 +79,14 @@ class Profile:
             fields.append("form")
         if self.mass_over_preload > 0:
             fields.append("mass_over_preload")
-        if self.pitch > 0:
+        if self.frame:
             fields += FRAME_FIELDS
+        if self.pitch > 0:
+            fields += PITCH_FIELDS
         return (*fields, "power")
 
     def priors(self, inflation: float) -> list[Prior]:
-        """Priors of mass over preload, of the damping ratio's exponent, of the form, and of a frame's mode.
+        """Priors of the parameters that have one.
 
         ``inflation`` is a result of :func:`~ballscrew.modal.joint.uncertainty.variance_inflation`; only those
         of mass over preload and of the form are adapted to it, see :meth:`scaled`. That of the exponent, if
@@ -95,9 +100,10 @@ class Profile:
             deviation = self.scaled(self.load_deviation, inflation)
             load = Prior((("mass_over_preload", 1.0),), math.log(self.mass_over_preload), deviation)
             out.insert(0, load)
+        if self.frame:
+            out.append(_damping_prior("frame_damping", *_FRAME_DAMPING))
         if self.pitch > 0:
-            for field, (value, deviation) in _FRAME_PRIORS.items():
-                out.append(Prior(((field, 1.0),), math.log(value), deviation))
+            out.append(_damping_prior("pitch_damping", *_PITCH_DAMPING))
             out.append(Prior((("pitch", 1.0),), math.log(self.pitch), _PITCH_DEVIATION))
         return out
 
@@ -116,6 +122,11 @@ class Profile:
         if not self.mass_over_preload > 0:
             return 0.0
         return inflation / self.load_deviation**2
+
+
+def _damping_prior(field: str, median: float, deviation: float) -> Prior:
+    """Prior of a damping ratio; ``deviation`` is that of its logarithm."""
+    return Prior(((field, 1.0),), math.log(median), deviation)
 
 
 def fit_profile(

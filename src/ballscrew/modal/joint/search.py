@@ -43,7 +43,8 @@ from ballscrew.modal.joint.trips import TripShift, trip_shifts
 from ballscrew.modal.joint.windows import Windows, average_windows, subset
 
 # Frequency of the pitching mode over that of the axial mode.
-_LEAST_PITCH_RATIO = 1.2  # lower limit of the search with two accelerometers
+_LEAST_PITCH_RATIO = 0.6  # lower limit of the search with two accelerometers
+_NEAR_PITCH = 1.6
 _PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # tried with a single accelerometer
 # Frequencies of the pitching mode that are tried, over an estimated frequency of it.
 _PITCH_SCALES = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])
@@ -141,6 +142,8 @@ def search(
         return None
     w, modes, pitch_measured = located
     profile = _profile(initial, w.middle, modes[0].middle_frequency)
+    if pitch_measured and modes[0].pitch < _NEAR_PITCH * modes[0].middle_frequency:
+        profile = replace(profile, pitch=modes[0].pitch)
     fit_with_ripple = partial(_fit_with_ripple, trips, names, initial)
     blocks = _unwhitened_blocks(located_by, subset(w))
     plain = fit_blocks(blocks, modes, profile.fields, profile.priors(INITIAL_INFLATION))
@@ -151,7 +154,7 @@ def search(
         axial = frame.modes[0].middle_frequency
         low, high = settings.band_low * axial, settings.band_high * axial
         in_band = average_windows(trips, transients, inertia, low, high) or w
-        with_frame = replace(_profile(initial, w.middle, axial), pitch=frame.modes[0].pitch)
+        with_frame = replace(_profile(initial, w.middle, axial), pitch=frame.modes[0].pitch, frame=True)
         fitted = fit_with_ripple(in_band, frame.modes, with_frame)
         # Ripple is not fitted while a frame is searched for, and a frame may explain some of it.
         without = fit_with_ripple(in_band, modes, profile)

@@ -176,7 +176,7 @@ def _frame_mode(found: SearchResult) -> FrameMode | None:
     fit, mode = found.fit, found.fit.modes[0]
     relative_deviation = parameter_deviation(fit, fit.parameters.index(("frame", None)))
     mass_ratio = None  # without the rotor-held mode, the factor ``rotor_part`` of the coupling is not known
-    if any(b.mode_index == ROTOR_HELD for b in fit.blocks):
+    if any(b.mode_index == ROTOR_HELD for b in fit.blocks) and not found.frame.pitching:
         mass_ratio = 1 / mode.coupling
     # The log residual is a sum over the blocks: geometric mean of the ratios of their rms residuals.
     residual_ratio = math.exp(-found.frame.reduction / len(found.frame.modes))
@@ -187,6 +187,7 @@ def _frame_mode(found: SearchResult) -> FrameMode | None:
         mass_ratio,
         residual_ratio,
         found.frame.distinct,
+        found.frame.pitching,
     )
 
 
@@ -279,9 +280,12 @@ def _run_reasons(found: SearchResult, frequencies: CellFrequencies) -> list[Reas
     """Reasons for all cells of a run to be suspect."""
     fit, out = found.unwhitened, []
     if found.frame is not None and not found.frame.distinct:
+        mode = f"the machine's frame has a mode near {found.fit.modes[0].frame:.0f} Hz"
+        if found.frame.pitching:
+            mode = f"the table pitches near {found.fit.modes[0].frame:.0f} Hz"
         text = (
-            f"the machine's frame has a mode near {found.fit.modes[0].frame:.0f} Hz, and it is uncertain "
-            "which of the two modes is that of the axis: test stops farther from each other, or another load"
+            f"{mode}, and it is uncertain which of the two modes is that of the axis: "
+            "test stops farther from each other, or another load"
         )
         out.append(Reason("frame", text))
     possible = (
