@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.axis.frequency import Rotor, nut_share, predicted_frequency
+from ballscrew.axis.frequency import Rotor, nut_share, predicted_frequency, predicted_modes
 from ballscrew.axis.model import guide_friction, moving_mass, rotor_mass, screw_part, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import with_uncertainty
@@ -85,6 +85,8 @@ class InitialValues:
     form_curves : tuple of float
         Field ``form_curve`` of AxialMode with the rotor free and with the rotor held, 1/m²; 0 if the
         compliance is a parabola.
+    rotor_correction : float
+        Field of AxialMode.
     sheet : DataSheet or None
         Data sheet of the axis, if there is one.
     load : float
@@ -101,6 +103,7 @@ class InitialValues:
     lead: float = 0.0
     curved: bool = False
     form_curves: tuple[float, float] = (0.0, 0.0)
+    rotor_correction: float = 1.0
     sheet: DataSheet | None = None
     load: float = 0.0
 
@@ -122,6 +125,7 @@ class InitialValues:
             pitch_damping=_PITCH_DAMPING,
             form=FORM_MEAN,
             form_curve=self.form_curves[index],
+            rotor_correction=self.rotor_correction,
         )
 
 
@@ -165,9 +169,16 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
         lead=sheet.screw.lead / sheet.drive.ratio,
         curved=curved,
         form_curves=form_curves,
+        rotor_correction=_rotor_correction(sheet, load, middle),
         sheet=sheet,
         load=load,
     )
+
+
+def _rotor_correction(sheet: DataSheet, load: float, position: float) -> float:
+    """Field ``rotor_correction`` of AxialMode by a data sheet, at a position (m)."""
+    free, held = (predicted_modes(sheet, position, load, rotor=rotor) for rotor in ("free", "held"))
+    return float(free.share / held.share * (free.frequency / held.frequency) ** 2)
 
 
 def _form_curve(sheet: DataSheet, load: float, low: float, high: float, rotor: Rotor) -> float:

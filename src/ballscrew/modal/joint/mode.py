@@ -64,8 +64,11 @@ class AxialMode:
     coupling : float
         Moving mass over the frame's mass; 0 for a frame that does not move.
     rotor_part : float
-        Factor of ``coupling``: the rotor's part of the total inertia with the rotor free, and 1 with the
-        rotor held.
+        Factor of ``coupling``: the table's share of the kinetic energy of the mode, over that with the rotor
+        held. With the rotor held it is 1, with the rotor free, in Eq. (3), (rotor-held frequency /
+        rotor-free frequency)².
+    rotor_correction : float
+        Factor of this square, since the screw itself turns beside the rotor; 1 in Eq. (3).
     form : float
         Factor of ``form_curve``: 0 for a lumped screw, 1 for a screw whose mass and twist are distributed
         along it as expected.
@@ -91,6 +94,7 @@ class AxialMode:
     frame_damping: float = 0.05
     coupling: float = 0.0
     rotor_part: float = 1.0
+    rotor_correction: float = 1.0
     form: float = 0.0
     form_curve: float = 0.0
 

@@ -94,7 +94,7 @@ def modes_with(
 
 
 def with_rotor_parts(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> Modes:
-    """Modes with the ``rotor_part`` that follows from both frequencies: (f_held/f_free)², Eq. (3).
+    """Modes with the ``rotor_part`` that follows from both frequencies by Eq. (3) and ``rotor_correction``.
 
     Parameters
     ----------
@@ -112,6 +112,7 @@ def with_rotor_parts(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> Mod
     if len(mode_by_index) == 1 or not modes[0].coupling > 0:
         return tuple(modes)
     # The compliance is proportional to 1/f².
-    rotor_part = min(mode_by_index[ROTOR_FREE].compliance / mode_by_index[ROTOR_HELD].compliance, 1.0)
+    squares = mode_by_index[ROTOR_FREE].compliance / mode_by_index[ROTOR_HELD].compliance
+    rotor_part = min(modes[0].rotor_correction * squares, 1.0)
     parts = {ROTOR_FREE: rotor_part, ROTOR_HELD: 1.0}
     return tuple(replace(m, rotor_part=parts[b.mode_index]) for b, m in zip(blocks, modes, strict=True))
