@@ -28,7 +28,7 @@ DOCUMENT["shared_errors"] = [{"name": "model", "repeats": True, "effects_Hz": [0
 DOCUMENT["motor_ripple"] = [{"order": 6, "torque_Nm": 0.004, "standard_uncertainty_Nm": 1e-4}]
 DOCUMENT["frame_mode"] = {
     "frequency_Hz": 180.0, "standard_uncertainty_Hz": 0.2, "damping_ratio": 0.05, "mass_ratio": 8.0,
-    "residual_ratio": 0.2, "distinct": True,
+    "residual_ratio": 0.2, "distinct": True, "pitching": False,
 }  # fmt: skip
 DOCUMENT["transients"] = [
     {"file": 0, "start_s": 0.1, "stop_s": 0.2, "position_m": 0.0, "condition": "PA", "motion": 0,
@@ -89,6 +89,7 @@ def test_the_document_itself_is_read_and_written_alike() -> None:
         ("mass_over_preload_kg_per_N.interval95", [2, 1]), ("mass_over_preload_kg_per_N", 4),
         ("frame_mode", 3), ("frame_mode.frequency_Hz", None), ("frame_mode.residual_ratio", 2),
         ("frame_mode.mass_ratio", -1), ("frame_mode.distinct", KeyError),
+        ("frame_mode.pitching", 1),
         ("motor_ripple", 3), ("motor_ripple.0.order", 0.5), ("motor_ripple.0.torque_Nm", -1),
         ("motor_ripple.0.standard_uncertainty_Nm", "x"), ("motor_ripple.0.order", KeyError),
         ("motor_ripple.0.order", 0), ("motor_ripple.0.standard_uncertainty_Nm", None),

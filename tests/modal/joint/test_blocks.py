@@ -88,7 +88,15 @@ def test_the_change_of_a_model_is_that_of_its_columns_times_their_weights(run: S
         simulation, found = simulate(b, mode), np.empty(now.shape)
         pitching = pitching_of(b, mode, simulation)
         fill_change(
-            simulation.response, pitching, simulation.ripple_response, w.starts, weights, now, step, found
+            simulation.response,
+            pitching,
+            simulation.ripple_response,
+            w.stop_of_sample,
+            w.starts,
+            weights,
+            now,
+            step,
+            found,
         )
         expected = (columns @ weights - now) / step
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())

@@ -18,11 +18,13 @@ RATE = 3200.0
 def test_answers_stand_beside_their_slopes(nut: bool) -> None:
     random = np.random.default_rng(1)
     answers, beside, moved = (random.standard_normal(shape) for shape in ((2, 30), (30, 3), (30, 4)))
-    columns = np.empty((30, (5 if nut else 2) + 7))
+    columns = np.empty((30, (6 if nut else 3) + 7))
+    stop = random.standard_normal(30)
     pitching = answers[1] if nut else np.empty(0)
-    fill_columns(answers[0], pitching, beside, moved, np.array([0, 30]), columns)
+    fill_columns(answers[0], pitching, beside, moved, stop, np.array([0, 30]), columns)
     once = np.gradient(answers, axis=1)
     own = [answers[0], once[0], *((np.gradient(once[0]), answers[1], once[1]) if nut else ())]
+    own.append(stop * answers[0])
     np.testing.assert_allclose(columns, np.column_stack([*own, beside, moved]), atol=1e-14)
 
 

@@ -173,7 +173,7 @@ def test_the_search_is_repeated_where_a_frame_would_explain_as_much_as_the_pitch
     """The pitching mode explains three quarters of the residual here; scores from 0.65 of that count."""
     residuals: list[float] = []
     monkeypatch.setattr(frame, "frame_scores", lambda _: np.full((2, 1), score))
-    monkeypatch.setattr(frame, "_frame_beside", lambda *given: residuals.append(given[2]))
+    monkeypatch.setattr(frame, "_frame_beside", lambda *given: residuals.append(given[3]))
     assert find_frame(_plain(*coupled), Profile(curved=False), pitch_measured=measured) is None
     assert len(residuals) == searches
     if searches == 2:  # the repeated search is compared with the best fit of the pitching mode

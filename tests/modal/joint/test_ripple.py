@@ -362,7 +362,7 @@ def test_the_second_search_is_dropped_where_it_explains_no_more(
 def test_a_tone_is_refused_without_a_lead(loud: SmallRun, response: Response) -> None:
     result = identify_jointly(loud.trips, loud.transients, None, 0.0, response=response)
     assert all(c.frequency_Hz is None for c in result.cells)
-    expected = "was not measured" if response == "both" else "standard uncertainty"
+    expected = "was not measured" if response == "both" else "a periodic force"
     assert any(expected in reason.text for reason in result.reasons)
 
 

@@ -279,8 +279,9 @@ def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None)
 
     In this order: the table's acceleration; its derivative, for a delay between the channels; for the
     accelerometers at the nut its second derivative, since their gain rises towards the next mode, and the
-    response of the pitching mode with its derivative; :attr:`Block.fixed_columns`; the response of the mode
-    to each force of :attr:`Block.ripple`.
+    response of the pitching mode with its derivative; the acceleration times the position of the stop, since
+    the gain changes along the axis; :attr:`Block.fixed_columns`; the response of the mode to each force of
+    :attr:`Block.ripple`.
     """
     if simulation is None:
         simulation = simulate(b, mode)
@@ -292,7 +293,13 @@ def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None)
     count = mode_columns + b.fixed_columns.shape[1] + b.ripple.shape[1]
     columns = np.empty((len(w.centred_position), count))
     fill_columns(
-        simulation.response, pitching, b.fixed_columns, simulation.ripple_response, w.starts, columns
+        simulation.response,
+        pitching,
+        b.fixed_columns,
+        simulation.ripple_response,
+        w.stop_of_sample,
+        w.starts,
+        columns,
     )
     return columns
 

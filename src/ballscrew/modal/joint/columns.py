@@ -2,7 +2,8 @@
 
 The axial and the pitching mode determine the first columns, in this order: the response of the axial mode and
 its derivative; for accelerometers at the nut also the second derivative of this response, the response of the
-pitching mode, and its derivative. Derivatives are per sample.
+pitching mode, and its derivative; the response of the axial mode times the position of the stop. Derivatives
+are per sample.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ from ballscrew.base.compilation import compiled
 BELOW_NYQUIST = 0.45
 """Highest frequency of the discrete pitching mode, over the sampling rate."""
 
-MOTOR_MODE_COLUMNS = 2
+MOTOR_MODE_COLUMNS = 3
 """Number of columns that the axial mode determines in a block with the motor's response."""
 
-NUT_MODE_COLUMNS = 5
+NUT_MODE_COLUMNS = 6
 """Number of columns that the axial and the pitching mode determine in a block with the nut's response."""
 
 
@@ -97,6 +98,7 @@ def fill_columns(
     pitching: Array,
     fixed: Array,
     ripple: Array,
+    stop: Array,
     starts: NDArray[np.int64],
     columns: Array,
 ) -> None:
@@ -112,9 +114,11 @@ def fill_columns(
         Columns that do not depend on the modes.
     ripple : ndarray, shape (n, k)
         Response of the axial mode to each force of the ripple, m/s².
+    stop : ndarray, shape (n,)
+        Position of the stop from the middle of the axis, m.
     starts : ndarray, shape (windows + 1,)
         Index of the first sample of each window, and the number of samples.
-    columns : ndarray, shape (n, 2 + m + k), or (n, 5 + m + k) for the nut's response
+    columns : ndarray, shape (n, 3 + m + k), or (n, 6 + m + k) for the nut's response
         Filled. The modes have :data:`MOTOR_MODE_COLUMNS` or :data:`NUT_MODE_COLUMNS` of them.
     """
     nut = pitching.shape[0] > 0
@@ -123,6 +127,7 @@ def fill_columns(
     for i in range(columns.shape[0]):
         columns[i, 0] = response[i]
         columns[i, 1] = derivative[i]
+        columns[i, mode_columns - 1] = stop[i] * response[i]
         for k in range(fixed.shape[1]):
             columns[i, mode_columns + k] = fixed[i, k]
         for k in range(ripple.shape[1]):
@@ -141,6 +146,7 @@ def fill_change(
     response: Array,
     pitching: Array,
     ripple: Array,
+    stop: Array,
     starts: NDArray[np.int64],
     weights: Array,
     present: Array,
@@ -153,9 +159,9 @@ def fill_change(
 
     Parameters
     ----------
-    response, pitching, ripple, starts
+    response, pitching, ripple, stop, starts
         As for :func:`fill_columns`, after the change of a parameter.
-    weights : ndarray, shape (2 + k, responses), or (5 + k, responses) for the nut's response
+    weights : ndarray, shape (3 + k, responses), or (6 + k, responses) for the nut's response
         Weights of the columns in each response.
     present : ndarray, shape (n, responses)
         Model before the change of the parameter, without fixed columns, m/s².
@@ -173,8 +179,13 @@ def fill_change(
         pitching_derivative = differences(pitching, starts)
     for r in range(change.shape[1]):
         factor, derivative_factor = weights[0, r] / step, weights[1, r] / step
+        stop_factor = weights[mode_columns - 1, r] / step
         for i in range(change.shape[0]):
-            change[i, r] = factor * response[i] + derivative_factor * derivative[i] - present[i, r] / step
+            change[i, r] = (
+                (factor + stop_factor * stop[i]) * response[i]
+                + derivative_factor * derivative[i]
+                - present[i, r] / step
+            )
         if nut:
             second_factor = weights[2, r] / step
             pitching_factor, pitching_derivative_factor = weights[3, r] / step, weights[4, r] / step

@@ -44,6 +44,7 @@ from ballscrew.modal.joint.windows import Windows, average_windows, subset
 
 # Frequency of the pitching mode over that of the axial mode.
 _LEAST_PITCH_RATIO = 0.6  # lower limit of the search with two accelerometers
+# Largest ratio at which the pitching mode is fitted: a coupled one at 1.3 of the mode was located at 1.54.
 _NEAR_PITCH = 1.6
 _PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # tried with a single accelerometer
 # Frequencies of the pitching mode that are tried, over an estimated frequency of it.

@@ -192,6 +192,11 @@ class Windows:
         """Nominal position of each cell from the middle, m, shape (cells,)."""
         return np.array([cell.position for cell in self.cells]) - self.middle
 
+    @property
+    def stop_of_sample(self) -> Array:
+        """Nominal position from the middle of the cell of each sample, m, shape (n,)."""
+        return np.repeat(self.stops, np.diff(self.starts))
+
 
 def average_windows(
     trips: Sequence[TripSignals], transients: Sequence[TransientRow], inertia: float, low: float, high: float
