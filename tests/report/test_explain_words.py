@@ -127,6 +127,13 @@ def test_the_mode_of_the_frame_has_its_mass_where_it_is_known() -> None:
         evidence_for(replace(run_of(), frame_mode=replace(mode, mass_ratio=None))), "Mode of the frame"
     )
     assert "(95 %). Frequencies are" in words
+    words = lines_of(
+        evidence_for(replace(run_of(), frame_mode=replace(mode, pitching=True))), "Mode of the frame"
+    )
+    assert (
+        words
+        == "The table pitches at 41.0 ± 1.0 Hz (95 %). Frequencies are those of the axis without pitching."
+    )
 
 
 def test_the_peak_of_the_frf_is_compared_with_the_result_of_the_run() -> None:

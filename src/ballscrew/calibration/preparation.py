@@ -112,8 +112,9 @@ def prepare(
     with_frame = sum(run.frame_mode is not None for run in runs)
     if 0 < with_frame < len(runs):
         text = (
-            f"a mode of the machine's frame or of the pitching table was found in {with_frame} of {len(runs)} "
-            "runs: the frequencies of these are without its motion, those of the others are not"
+            "a mode of the machine's frame or of the pitching table was found in "
+            f"{with_frame} of {len(runs)} runs: the frequencies of these are without its motion, those of "
+            "the others are not"
         )
         reasons.append(Doubt("frame-mode", text))
     reasons += transmission_doubts(tables) + warm_screw_doubts(tables)

@@ -176,6 +176,16 @@ def test_a_wrong_mode_leaves_more(run: SmallRun, blocks: list[Block]) -> None:
     assert powers[1] < 0.5 * min(powers[0], powers[2])
 
 
+@pytest.mark.parametrize("name", ["torque-nut", "torque-motor"])
+def test_a_gain_that_changes_along_the_axis_leaves_no_residual(blocks: list[Block], name: str) -> None:
+    (b,) = (b for b in blocks if b.name == name)
+    mode, w = shape(150.0), b.windows
+    response = simulate(b, mode).response * (1.0 + 0.7 * w.stop_of_sample)
+    moved = replace(w, nut=np.stack([response] * len(w.nut)), motor_band=response)
+    solved = project(replace(b, windows=moved), mode)
+    assert solved.unexplained < 1e-12
+
+
 def test_a_table_that_already_pitches_leaves_no_residual(run: SmallRun, blocks: list[Block]) -> None:
     """Free vibration of the pitching mode from the first sample of each window, with a phase of its own."""
     b, mode = blocks[0], shape(float(np.mean(list(run.free.values()))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -18,7 +19,7 @@ from ballscrew.modal.joint.frame import FrameSearch, _with_frame, find_frame
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.initial import expected_mass_over_preload, total_inertia
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
-from ballscrew.modal.joint.parameters import Modes, with_rotor_parts
+from ballscrew.modal.joint.parameters import FRAME_FIELDS, PITCH_FIELDS, Modes, with_rotor_parts
 from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.windows import Windows, average_windows
@@ -26,6 +27,8 @@ from ballscrew.testbed.example import LOAD
 from ballscrew.testbed.trip import Rig
 
 MOVING = 91.5 + 0.8  # of the example, with a third of the screw, kg
+AT_SENSORS = (0.2, -0.15)  # share of the pitching mode in each accelerometer
+SHARE = 0.1  # of the moving mass, that pitches
 
 
 @pytest.fixture(scope="module")
@@ -224,4 +227,65 @@ def test_the_rotors_part_of_the_inertia_follows_from_the_two_frequencies(run: Sm
     ]
     parts = [mode.rotor_part for mode in with_rotor_parts(blocks, modes)]
     assert parts == pytest.approx([0.5625, 1.0, 0.5625])
+    corrected = [replace(mode, rotor_correction=1.06) for mode in modes]
+    parts = [mode.rotor_part for mode in with_rotor_parts(blocks, corrected)]
+    assert parts == pytest.approx([0.59625, 1.0, 0.59625])
     assert with_rotor_parts(blocks[:1], modes[:1])[0] == modes[0]
+
+
+def relative_errors(result: JointResult, run: SmallRun) -> np.ndarray:
+    """Of all cells."""
+    assert all(cell.frequency_Hz is not None for cell in result.cells)
+    return np.array([cell.frequency_Hz / run.free[cell.position_m] - 1 for cell in result.cells])
+
+
+@pytest.mark.parametrize("pitch", [150.0, 195.0])
+def test_pitching_that_does_not_act_on_the_axis_shifts_no_frequency(
+    rig: Rig, sheet: DataSheet, pitch: float
+) -> None:
+    """The axial mode is at 162 to 190 Hz. With a pitching mode of at least 1.2 times it: 0.5 % off."""
+    instruments = replace(rig.instruments, pitch_frequency=pitch, pitch=AT_SENSORS)
+    run = small_run(replace(rig, instruments=instruments))
+    result = identify_jointly(run.trips, run.transients, sheet, LOAD)
+    assert np.abs(relative_errors(result, run)).max() < 2e-3
+    assert result.frame_mode is None
+
+
+@pytest.mark.parametrize("pitch", [140.0, 200.0])
+def test_pitching_that_acts_on_the_axis_is_a_mode_beside_it(rig: Rig, sheet: DataSheet, pitch: float) -> None:
+    machine = replace(rig.machine, pitch_frequency=pitch, pitch_damping=0.03, pitch_share=SHARE)
+    instruments = replace(rig.instruments, pitch_frequency=pitch, pitch_damping=0.03, pitch=AT_SENSORS)
+    run = small_run(replace(rig, machine=machine, instruments=instruments))
+    result = identify_jointly(run.trips, run.transients, sheet, LOAD)
+    assert np.abs(relative_errors(result, run)).max() < 4e-3
+    mode = result.frame_mode
+    assert mode is not None
+    assert mode.pitching
+    assert mode.distinct
+    assert mode.mass_ratio is None
+    # A table that pitches beside the moving axis: the rest of its mass is lighter by the share.
+    assert mode.frequency_Hz == pytest.approx(pitch / math.sqrt(1 - SHARE), rel=0.01)
+    relative = 2e-3 * max(1.0, 8 * SHARE / (1 - SHARE))
+    for cell in result.cells:
+        assert cell.frequency_Hz is not None
+        assert cell.uncertainty_terms_Hz["frame"] == pytest.approx(relative * cell.frequency_Hz, rel=0.2)
+
+
+def test_a_frame_is_no_pitching_table(rig: Rig, sheet: DataSheet) -> None:
+    machine = replace(rig.machine, bed_mass=800.0, bed_frequency=140.0, bed_damping=0.05)
+    run = two_stops(small_run(replace(rig, machine=machine)))
+    mode = identify_jointly(run.trips, run.transients, sheet, LOAD).frame_mode
+    assert mode is not None
+    assert not mode.pitching
+    assert mode.mass_ratio is not None
+
+
+def test_the_pitching_mode_is_fitted_with_or_without_that_of_a_frame() -> None:
+    plain = Profile(curved=False)
+    pitching = replace(plain, pitch=180.0)
+    framed = replace(pitching, frame=True)
+    assert set(pitching.fields) == {*plain.fields, *PITCH_FIELDS}
+    assert set(framed.fields) == {*plain.fields, *PITCH_FIELDS, *FRAME_FIELDS}
+    priors = {prior.fields[0][0]: prior for prior in framed.priors(INITIAL_INFLATION)}
+    assert set(priors) == {"power", "form", "frame_damping", "pitch_damping", "pitch"}
+    assert priors["pitch"].value == pytest.approx(math.log(180.0))

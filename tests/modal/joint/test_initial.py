@@ -13,7 +13,9 @@ from ballscrew.axis.model import moving_mass, screw_part
 from ballscrew.axis.rod import rod_frequency
 from ballscrew.modal.joint.initial import expected_mass_over_preload, initial_values, typical_form_curve
 from ballscrew.modal.joint.mode import mode_frequency
-from ballscrew.testbed.example import AXIS, LOAD
+from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
+from ballscrew.testbed.linear import natural_frequencies
+from ballscrew.testbed.trip import prepared
 
 POSITION = 0.2
 NOMINAL = (float(moving_mass(AXIS, LOAD)) + screw_part(AXIS)) / AXIS.nominal_preload
@@ -84,3 +86,25 @@ def test_without_a_data_sheet_a_line_errs_by_two_thousandths_at_the_ends() -> No
     line = np.polyval(np.polyfit(places, compliance, 1), places)
     error = np.sqrt(compliance / line)[-1] - 1  # of the line's frequency
     assert error == pytest.approx(2e-3, rel=0.05)
+
+
+def test_a_screw_without_inertia_has_the_rotors_part_of_eq_3() -> None:
+    light = replace(AXIS, screw=replace(AXIS.screw, density=1.0))
+    assert initial_values(light, LOAD, 0.0, 0.4).rotor_correction == pytest.approx(1.0, abs=1e-4)
+    assert initial_values(AXIS, LOAD, 0.0, 0.4).rotor_correction > 1.01
+
+
+def test_the_rotors_part_is_the_ratio_of_the_tables_shares_of_the_kinetic_energy() -> None:
+    """Of a screw in three lumps; with its mass along it the ratio differs by some thousandths."""
+    rig, shares, frequencies = example_rig(), [], []
+    still = replace(rig.machine, bed_mass=1e8, bed_frequency=0.1)
+    constants = prepared(still, LOAD, PLAN)
+    for rotor_fixed in (False, True):
+        modes, share = natural_frequencies(constants, POSITION, rotor_fixed=rotor_fixed, bed_blocked=True)
+        axial = int(np.argmax(share[1 - rotor_fixed :])) + 1 - rotor_fixed
+        frequencies.append(modes[axial])
+        shares.append(share[axial])
+    expected_correction = shares[0] / shares[1] * (frequencies[0] / frequencies[1]) ** 2
+    found = initial_values(AXIS, LOAD, 0.0, 2 * POSITION).rotor_correction
+    assert found == pytest.approx(expected_correction, abs=0.01)
+    assert found > 1.01

@@ -156,19 +156,21 @@ def with_fields(result: SearchResult, **changes: object) -> SearchResult:
     return cast(SearchResult, SimpleNamespace(**(vars(result) | changes)))
 
 
+@pytest.mark.parametrize("pitching", [True, False])
 @pytest.mark.parametrize("distinct", [True, False])
 def test_all_cells_are_suspect_if_either_mode_may_be_that_of_the_frame(
-    distinct: bool, monkeypatch: pytest.MonkeyPatch
+    distinct: bool, pitching: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     module = "ballscrew.modal.joint.verdicts"
     monkeypatch.setattr(f"{module}._moved_by_ripple", lambda _: False)
     for name in ("_unmeasured_force", "_other_nut", "_responses_differ"):
         monkeypatch.setattr(f"{module}.{name}", lambda *_: None)
-    frame = FrameMode(41.0, 0.5, 0.02, 12.3, 0.1, distinct)
+    frame = FrameMode(41.0, 0.5, 0.02, 12.3, 0.1, distinct, pitching)
     found = with_fields(search_result(replace(MODE, frame=41.0), 0.1), frame=frame)
     reasons = _run_reasons(found, cast(CellFrequencies, None))
     assert [reason.kind for reason in reasons] == ([] if distinct else ["frame"])
-    assert all("the machine's frame has a mode near 41 Hz" in reason.text for reason in reasons)
+    mode = "the table pitches near 41 Hz" if pitching else "the machine's frame has a mode near 41 Hz"
+    assert all(reason.text.startswith(mode) for reason in reasons)
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,14 @@ def test_each_cell_is_one_window_of_all_trips(run: SmallRun) -> None:
     assert len(w.force) == w.starts[-1] == w.nut.shape[1]
 
 
+def test_each_sample_has_the_position_of_its_stop(run: SmallRun) -> None:
+    w = average_windows(run.trips, run.transients, 1.0, 80.0, 400.0)
+    assert w is not None
+    for (start, stop), cell in zip(w.spans, w.cells, strict=True):
+        assert (w.stop_of_sample[start:stop] == cell.position - w.middle).all()
+    assert len(w.stop_of_sample) == w.starts[-1]
+
+
 def test_a_window_ends_after_the_last_sample_that_may_be_fitted(run: SmallRun) -> None:
     w = average_windows(run.trips, run.transients, 1.0, 80.0, 400.0)
     assert w is not None

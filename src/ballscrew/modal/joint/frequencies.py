@@ -314,7 +314,8 @@ def _torque_zero(found: SearchResult, rotor_free: Array) -> tuple[Array, Array]:
     with_modes_above, weights = projection.columns[:, used], projection.weights[used]
     columns = with_modes_above[:, :4]
     ratio_with_modes_above = _zero_over_pole(weights[:, 0], angle, damping)
-    target = with_modes_above @ weights + projection.residual  # that in the middle of the axis, without ripple
+    # The response without ripple, with the gain in the middle of the axis.
+    target = with_modes_above @ weights + projection.residual
     weights = np.linalg.lstsq(columns, target, rcond=None)[0][:, 0]
     ratio = _zero_over_pole(np.append(weights, 0.0), angle, damping)
     if ratio is None or ratio_with_modes_above is None:
