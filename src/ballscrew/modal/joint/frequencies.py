@@ -311,11 +311,11 @@ def _torque_zero(found: SearchResult, rotor_free: Array) -> tuple[Array, Array]:
     # The columns begin with the response of the mode, its derivative, the change of its gain along the axis,
     # and the force with its two derivatives; those of the ripple follow.
     used = [0, 1, *range(MOTOR_MODE_COLUMNS, MOTOR_MODE_COLUMNS + 3)]
-    with_modes_above, weights = projection.columns[:, used], projection.weights[used]
+    with_modes_above, fitted = projection.columns[:, used], projection.weights[used]
     columns = with_modes_above[:, :4]
-    ratio_with_modes_above = _zero_over_pole(weights[:, 0], angle, damping)
+    ratio_with_modes_above = _zero_over_pole(fitted[:, 0], angle, damping)
     # The response without ripple, with the gain in the middle of the axis.
-    target = with_modes_above @ weights + projection.residual
+    target = with_modes_above @ fitted + projection.residual
     weights = np.linalg.lstsq(columns, target, rcond=None)[0][:, 0]
     ratio = _zero_over_pole(np.append(weights, 0.0), angle, damping)
     if ratio is None or ratio_with_modes_above is None:
