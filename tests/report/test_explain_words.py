@@ -121,14 +121,14 @@ def test_transients_that_were_not_used_are_counted_with_the_reason() -> None:
 
 def test_the_mode_of_the_frame_has_its_mass_where_it_is_known() -> None:
     mode = FrameMode(41.0, 0.5, 0.02, 12.34, 0.1, True)
-    words = lines_of(evidence_for(replace(run_of(), frame_mode=mode)), "Mode of the frame")
+    words = lines_of(evidence_for(replace(run_of(), frame_mode=mode)), "Mode of frame or table")
     assert words.startswith("The machine's frame has a mode at 41.0 ± 1.0 Hz (95 %), with 12.3 times the")
     words = lines_of(
-        evidence_for(replace(run_of(), frame_mode=replace(mode, mass_ratio=None))), "Mode of the frame"
+        evidence_for(replace(run_of(), frame_mode=replace(mode, mass_ratio=None))), "Mode of frame or table"
     )
     assert "(95 %). Frequencies are" in words
     words = lines_of(
-        evidence_for(replace(run_of(), frame_mode=replace(mode, pitching=True))), "Mode of the frame"
+        evidence_for(replace(run_of(), frame_mode=replace(mode, pitching=True))), "Mode of frame or table"
     )
     assert (
         words

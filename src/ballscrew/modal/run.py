@@ -163,7 +163,8 @@ class Run(PlottedResult):
     motor_ripple : tuple of MotorRipple
         Fitted with the mode, by order; empty if none is significant, or by the paper's method.
     frame_mode : FrameMode or None
-        Mode of the frame; None if none shows near the axial one, or by the paper's method.
+        Mode of the frame or of the pitching table; None if none shows near the axial one, or by the paper's
+        method.
     temperature : TemperatureCourse or None
         Over the run, where it was recorded.
     drive_input : DriveInput or None

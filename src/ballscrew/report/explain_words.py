@@ -129,7 +129,7 @@ def explain(evidence: Evidence) -> tuple[Paragraph, ...]:
         Paragraph("Measurement", _measured(evidence)),
         _frequency(evidence.cell),
         Paragraph("Rotor held", _rotor_held(evidence.cell)),
-        Paragraph("Mode of the frame", _frame(evidence.run)),
+        Paragraph("Mode of frame or table", _frame(evidence.run)),
         Paragraph("Forces that repeat with every turn", _ripple(evidence.run)),
         Paragraph("This cell and the others", _deviation(evidence)),
         Paragraph("Coherence", _coherence(evidence.cell)),

@@ -125,6 +125,19 @@ def test_the_interval_contains_the_frequency_of_a_worn_nut_under_load(rig: Rig, 
     assert abs(np.mean(free)) < 1.96 * np.mean(uncertainty)
 
 
+def test_at_a_single_stop_the_motor_alone_determines_both_frequencies(
+    run: SmallRun, sheet: DataSheet
+) -> None:
+    """The gain of the mode cannot change along the axis there."""
+    single = two_stops(run, places=(0.2,))
+    deaf = [replace(t, response=np.empty((0, len(t.force)))) for t in single.trips]
+    result = identify_jointly(deaf, single.transients, sheet, LOAD)
+    free, held = errors(result, single)
+    assert len(free) == len(held) == 4
+    assert np.abs(free).max() < 1.0
+    assert np.abs(held).max() < 3.0
+
+
 def test_the_motor_alone_determines_both_frequencies(run: SmallRun, sheet: DataSheet) -> None:
     deaf = [replace(t, response=np.empty((0, len(t.force)))) for t in run.trips]
     result = identify_jointly(deaf, run.transients, sheet, LOAD)

@@ -108,3 +108,17 @@ def test_the_rotors_part_is_the_ratio_of_the_tables_shares_of_the_kinetic_energy
     found = initial_values(AXIS, LOAD, 0.0, 2 * POSITION).rotor_correction
     assert found == pytest.approx(expected_correction, abs=0.01)
     assert found > 1.01
+
+
+@pytest.mark.parametrize("rotating", ["screw", "nut"])
+def test_the_rotors_part_of_other_drives_is_near_that_of_eq_3(rotating: str) -> None:
+    other = replace(AXIS, drive=replace(AXIS.drive, rotating=rotating))
+    assert 0.98 < initial_values(other, LOAD, 0.0, 0.4).rotor_correction < 1.1
+
+
+def test_where_table_and_screw_share_the_motion_eq_3_is_not_corrected() -> None:
+    """On a screw of 4 m either mode may be the axial one."""
+    long = replace(AXIS, screw=replace(AXIS.screw, length=4.0))
+    corrections = [initial_values(long, LOAD, 0.0, 2 * x).rotor_correction for x in (0.2, 1.0, 1.6, 1.8)]
+    assert 1.0 in corrections
+    assert all(0.9 < correction < 1.5 for correction in corrections)

@@ -115,7 +115,7 @@ def fill_columns(
     ripple : ndarray, shape (n, k)
         Response of the axial mode to each force of the ripple, m/s².
     stop : ndarray, shape (n,)
-        Position of the stop from the middle of the axis, m.
+        Position of the stop from the mean of all stops, m.
     starts : ndarray, shape (windows + 1,)
         Index of the first sample of each window, and the number of samples.
     columns : ndarray, shape (n, 3 + m + k), or (n, 6 + m + k) for the nut's response

@@ -53,7 +53,7 @@ _LEAST_UNMEASURED = 1e-4
 # Term "frame": relative error if a mode of the frame is fitted. On three random axes with little noise it is
 # 0.15 % at most in 30 runs, with frames of 4 to 20 times the moving mass at 0.7 to 1.2 of the mode. With a
 # table that pitches at 0.75 to 1.35 of the mode it is 0.3 % at most in 16 runs of eight such axes with a
-# coupling up to 0.2, and 0.7 % with one of 0.22.
+# coupling up to 0.2, and 0.7 % with one of 0.23.
 _FRAME = 1e-3
 _PITCHING = 2e-3
 # Coupling (moving mass over the frame's) from which on the error grows in proportion to it.
@@ -314,7 +314,7 @@ def _torque_zero(found: SearchResult, rotor_free: Array) -> tuple[Array, Array]:
     with_modes_above, fitted = projection.columns[:, used], projection.weights[used]
     columns = with_modes_above[:, :4]
     ratio_with_modes_above = _zero_over_pole(fitted[:, 0], angle, damping)
-    # The response without ripple, with the gain in the middle of the axis.
+    # The response without ripple, with the mean gain along the axis.
     target = with_modes_above @ fitted + projection.residual
     weights = np.linalg.lstsq(columns, target, rcond=None)[0][:, 0]
     ratio = _zero_over_pole(np.append(weights, 0.0), angle, damping)

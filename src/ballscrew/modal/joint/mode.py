@@ -60,15 +60,15 @@ class AxialMode:
     weight : float
         Constant force on the nut over the moving mass, m/s²: the weight of an axis that is not horizontal.
     frame, frame_damping : float
-        Frequency (Hz) and damping ratio of the mode of the machine's frame without the table.
+        Frequency (Hz) and damping ratio of the mode of the machine's frame without the table, or of the
+        pitching of a part σ of the table's mass: 1/sqrt(1 - σ) of that on a table at rest.
     coupling : float
-        Moving mass over the frame's mass; 0 for a frame that does not move.
+        Moving mass over the frame's mass, or σ/(1 - σ); 0 for a frame that does not move.
     rotor_part : float
-        Factor of ``coupling``: the table's share of the kinetic energy of the mode, over that with the rotor
-        held. With the rotor held it is 1, with the rotor free, in Eq. (3), (rotor-held frequency /
-        rotor-free frequency)².
+        Factor of ``coupling``: 1 with the rotor held; with it free, the table's share of the mode's kinetic
+        energy over that with the rotor held. By Eq. (3) it is (f_held/f_free)².
     rotor_correction : float
-        Factor of this square, since the screw itself turns beside the rotor; 1 in Eq. (3).
+        Factor of this square, since the screw turns too; 1 by Eq. (3).
     form : float
         Factor of ``form_curve``: 0 for a lumped screw, 1 for a screw whose mass and twist are distributed
         along it as expected.

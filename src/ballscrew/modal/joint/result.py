@@ -49,7 +49,7 @@ class JointResult:
     ripple : tuple of RippleOrder
         Forces that repeat with every turn and were fitted with the mode, by order.
     frame_mode : FrameMode or None
-        Mode of the frame that was fitted with the axial one.
+        Mode of the frame or of the pitching table that was fitted with the axial one.
     """
 
     cells: tuple[CellResult, ...]

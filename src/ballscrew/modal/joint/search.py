@@ -45,7 +45,7 @@ from ballscrew.modal.joint.windows import Windows, average_windows, subset
 # Frequency of the pitching mode over that of the axial mode.
 _LEAST_PITCH_RATIO = 0.6  # lower limit of the search with two accelerometers
 # Largest ratio at which the pitching mode is fitted: a coupled one at 1.3 of the mode was located at 1.54.
-_NEAR_PITCH = 1.6
+_LARGEST_FITTED_PITCH = 1.6
 _PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # tried with a single accelerometer
 # Frequencies of the pitching mode that are tried, over an estimated frequency of it.
 _PITCH_SCALES = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])
@@ -87,7 +87,7 @@ class SearchResult:
     ripple : tuple of RippleOrder
         Forces of the motor fitted with the mode.
     frame : FrameSearch or None
-        Mode of the frame fitted with the axial one; None if there is none.
+        Mode of the frame or of the pitching table fitted with the axial one; None if there is none.
     trips : tuple of TripShift
         Difference of the frequency of each trip from that of the run; empty for a run of one trip.
     """
@@ -143,7 +143,7 @@ def search(
         return None
     w, modes, pitch_measured = located
     profile = _profile(initial, w.middle, modes[0].middle_frequency)
-    if pitch_measured and modes[0].pitch < _NEAR_PITCH * modes[0].middle_frequency:
+    if pitch_measured and modes[0].pitch < _LARGEST_FITTED_PITCH * modes[0].middle_frequency:
         profile = replace(profile, pitch=modes[0].pitch)
     fit_with_ripple = partial(_fit_with_ripple, trips, names, initial)
     blocks = _unwhitened_blocks(located_by, subset(w))
@@ -233,7 +233,9 @@ def _locate(
     w = average_windows(trips, transients, inertia, low, high)
     if w is None:
         return None
-    pitching = find_pitching_mode(w, _LEAST_PITCH_RATIO * initial.rotor_free, high)  # Hz, damping ratio
+    pitching = None  # frequency (Hz) and damping ratio
+    if "torque-nut" in names:
+        pitching = find_pitching_mode(w, _LEAST_PITCH_RATIO * initial.rotor_free, high)
     blocks = _unwhitened_blocks(names, subset(w))
     modes = search_frequencies(blocks, [initial.mode(b.mode_index) for b in blocks], pitching)
     modes = _first_fit(w, names, modes)

@@ -16,7 +16,9 @@ damping ratio ζ_f, moves by x, which adds to the deflection:
     x'' = −ν a − w_f² x − 2 ζ_f w_f x',  q'' = drive − a + x''.
 
 w is then the frequency with the frame blocked. The coupling ν is the moving mass over that of the frame, with
-the rotor free times the rotor's part of the total mass; 0 for a frame that does not move.
+the rotor free times the field ``rotor_part`` of :class:`~ballscrew.modal.joint.mode.AxialMode`; 0 for a frame
+that does not move. A part σ of the table's mass that pitches by q_p leads to the same equations with
+x = σ q_p, ν = σ/(1 − σ) and w_f the frequency of pitching over sqrt(1 − σ).
 
 In the compiled functions a stiffness is divided by the mass, so its unit is 1/s². Their common parameters:
 

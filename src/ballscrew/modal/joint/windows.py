@@ -194,8 +194,8 @@ class Windows:
 
     @property
     def stop_of_sample(self) -> Array:
-        """Nominal position from the middle of the cell of each sample, m, shape (n,)."""
-        return np.repeat(self.stops, np.diff(self.starts))
+        """Nominal position of the cell of each sample, from the mean of all cells, m, shape (n,)."""
+        return np.repeat(self.stops - self.stops.mean(), np.diff(self.starts))
 
 
 def average_windows(
