@@ -183,10 +183,12 @@ def _rotor_correction(sheet: DataSheet, load: float, position: float) -> float:
 
     It is 1 where two modes have similar shares of the table's motion: either may be called the axial one.
     """
-    free, held = (predicted_modes(sheet, position, load, rotor=rotor) for rotor in ("free", "held"))
-    if max(float(modes.second_share / modes.share) for modes in (free, held)) > _SIMILAR_SHARE:
+    rotor_free = predicted_modes(sheet, position, load, rotor="free")
+    rotor_held = predicted_modes(sheet, position, load, rotor="held")
+    if max(float(m.second_share / m.share) for m in (rotor_free, rotor_held)) > _SIMILAR_SHARE:
         return 1.0
-    return float(free.share / held.share * (free.frequency / held.frequency) ** 2)
+    shares = rotor_free.share / rotor_held.share
+    return float(shares * (rotor_free.frequency / rotor_held.frequency) ** 2)
 
 
 def _form_curve(sheet: DataSheet, load: float, low: float, high: float, rotor: Rotor) -> float:
