@@ -145,11 +145,14 @@ def test_an_axis_imitates_another_of_its_type(plant: Path) -> None:
     machines = [rig_of(axis, _FIRST, 0).machine for axis in (HEALTHY, ALIKE)]
     constant = [constants(machine, ALIKE.type.load, (places[0] + places[-1]) / 2) for machine in machines]
     tables = [frequency_table(run) for run in (analysed, runs[0][0])]
+    spreads = {cell.position_m: cell.standard_uncertainty_Hz / cell.frequency_Hz for cell in analysed.cells}
     for place in places[1:]:
         true = true_frequency(constant[1], place) / true_frequency(constant[0], place)
         assert true > 1.005
         found = [table.frequency[table.position == place].mean() for table in tables]
-        assert found[1] / found[0] == pytest.approx(true, rel=0.0015)
+        # An imitation adds errors of the size that the analysed run states.
+        assert found[1] / found[0] == pytest.approx(true, rel=3 * spreads[place])
+        assert 3 * spreads[place] < 0.005
     assert analysed.made.inputs["axis"] == digest(HEALTHY.sheet.to_settings())
 
 
