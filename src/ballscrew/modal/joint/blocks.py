@@ -57,6 +57,8 @@ class Block:
     ripple : ndarray, shape (n, k)
         Cosines and sines of forces that repeat along the screw, first those of passing balls, then those of
         whole orders, as accelerations with an amplitude of 1 m/s²; their true amplitudes are fitted.
+    stop : ndarray, shape (n,)
+        :attr:`Windows.stop_of_sample <ballscrew.modal.joint.windows.Windows.stop_of_sample>`, m.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Block:
     taps: Array
     fixed_columns: Array
     ripple: Array
+    stop: Array
 
     @property
     def mode_index(self) -> int:
@@ -240,14 +243,14 @@ def make_block(
     if ripple is None:
         ripple = no_forces
     if name == "motor-nut":
-        return Block(name, w, counted, np.ones(1), _in_band(w, balls), balls)
+        return Block(name, w, counted, np.ones(1), _in_band(w, balls), balls, w.stop_of_sample)
     ripple = np.column_stack([balls, ripple])
     force_rate = differences(w.force_band, w.starts)
     columns = [differences(force_rate, w.starts)]
     if name == "torque-motor":
         columns = [w.force_band, force_rate, *columns]
     fixed_columns = np.column_stack([*columns, _in_band(w, ripple)])
-    return Block(name, w, counted, np.ones(1), fixed_columns, ripple)
+    return Block(name, w, counted, np.ones(1), fixed_columns, ripple, w.stop_of_sample)
 
 
 def simulate(b: Block, mode: AxialMode) -> Simulation:
@@ -297,7 +300,7 @@ def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None)
         pitching,
         b.fixed_columns,
         simulation.ripple_response,
-        w.stop_of_sample,
+        b.stop,
         w.starts,
         columns,
     )

@@ -194,7 +194,7 @@ class _FixedWeights:
                 simulation.response,
                 pitching,
                 simulation.ripple_response,
-                b.windows.stop_of_sample,
+                b.stop,
                 b.windows.starts,
                 self._weights[i],
                 present,
