@@ -342,3 +342,39 @@ def test_the_pitching_mode_is_fitted_with_or_without_that_of_a_frame() -> None:
     priors = {prior.fields[0][0]: prior for prior in framed.priors(INITIAL_INFLATION)}
     assert set(priors) == {"power", "form", "frame_damping", "pitch_damping", "pitch"}
     assert priors["pitch"].value == pytest.approx(math.log(180.0))
+
+
+@pytest.mark.parametrize(
+    ("pitching", "reduction", "found"),
+    [(False, 0.08, False), (False, 0.10, True), (True, 0.04, False), (True, 0.06, True)],
+)
+def test_a_pitching_table_needs_a_smaller_reduction_than_a_frame(
+    coupled: tuple[list[Block], Modes],
+    monkeypatch: pytest.MonkeyPatch,
+    pitching: bool,
+    reduction: float,
+    found: bool,
+) -> None:
+    """Two fits in which other modes are the axis: that with an impossible frame is not compared."""
+    plain = _plain(*coupled)
+    start = _with_frame(plain.blocks, plain.modes, 200.0, 0.1)
+    if pitching:
+        start = tuple(replace(mode, pitch=200.0) for mode in start)
+    lower = tuple(replace(mode, compliance=1.2 * mode.compliance) for mode in start)
+    impossible = tuple(replace(mode, frame_damping=0.5) for mode in lower)
+    residuals = {start: -1.0 - reduction, impossible: -1.0 - reduction / 2, lower: -1.0 - reduction / 4}
+    steps: list[int] = []
+
+    def fit(_: Sequence[Block], modes: Modes, *__: Any, most_steps: int = 12) -> tuple[Modes, float]:
+        steps.append(most_steps)
+        return modes, residuals.get(modes, -1.0)
+
+    monkeypatch.setattr(frame, "fit_modes", fit)
+    profile = replace(Profile(curved=False), pitch=200.0)
+    search = frame._frame_beside(plain, [*residuals], profile, -0.5, frame._LEAST_REDUCTION)
+    assert (search is not None) == found
+    assert steps == [12, 30, 30, 30]  # that of the pitching mode alone begins near its end
+    if search is not None:
+        assert search.pitching == pitching
+        assert search.reduction == pytest.approx(reduction)
+        assert search.margin == pytest.approx(0.75 * reduction)
