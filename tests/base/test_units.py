@@ -23,6 +23,10 @@ from ballscrew.base.units import COMMON, conversion, conversion_by_pint, parse
         (".5 m", "m", 0.5),
         ("5 nm", "m", 5e-9),
         ("18.6 nm/N", "m/N", 18.6e-9),
+        ("6000 rpm", "Hz", 100.0),
+        ("6000 1/min", "Hz", 100.0),
+        ("628.3185307179587 rad/s", "Hz", 100.0),
+        ("36000 deg/s", "Hz", 100.0),
         ("7 µm", "m", 7e-6),  # micro sign
         ("7 μm", "m", 7e-6),  # Greek mu
         ("480 N/um", "N/m", 480e6),

@@ -99,8 +99,9 @@ def _settings():
     ("options", "message"),
     [
         ((), "--position"),
-        (("--position", "1 mm", "--position", "2 mm"), "2 positions are given for 1 files"),
+        (("--position", "1 mm", "--position", "2 mm"), "2 positions given for 1 file;"),
         (("--position", "1 kg"), "kg"),
+        (("--position", "200"), 'state the unit, such as "200 mm"'),
         (("--position", "1 mm", "--input", "iq"), "has no channel 'iq'; it has 'time [s]'"),
         (("--position", "1 mm", "--quantities", "torque", "torque"), "the output is a torque"),
         (("--position", "1 mm", "--output", "time [s]"), "--quantities torque speed"),

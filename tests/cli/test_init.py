@@ -83,6 +83,22 @@ def test_the_speed_of_a_motor_replaces_a_position_that_repeats(tmp_path: Path) -
     np.testing.assert_allclose(read.array("speed"), 1e-3 * np.gradient(place, t), atol=1e-8)
 
 
+def test_the_speed_of_a_motor_by_angle(tmp_path: Path) -> None:
+    """62.83 rad/s and 10 mm of lead are 100 mm/s."""
+    recording = tmp_path / "trip.csv"
+    t = np.arange(4000) / 2000
+    place = 100 * np.sin(t) ** 3
+    columns = np.stack([t, np.cos(300 * t), np.repeat(place[::8], 8), np.gradient(place, t) / 10], axis=1)
+    head = "time [s],torque [Nm],position [mm],n_ist [rad/s]"
+    np.savetxt(recording, columns, fmt="%.6f", delimiter=",", header=head, comments="")
+    result = init([recording], tmp_path)
+    assert "channels.toml: scale of 'n_ist [rad/s]': the lead over 2π, in mm per radian." in result.missing
+    text = (tmp_path / "channels.toml").read_text(encoding="utf-8")
+    (tmp_path / "channels.toml").write_text(text.replace('scale = "TODO"', "scale = 10"), encoding="utf-8")
+    read = read_recording(recording, read_channels(tmp_path / "channels.toml"))
+    np.testing.assert_allclose(read.array("speed"), 1e-3 * np.gradient(place, t), atol=1e-5)
+
+
 def test_currents_of_phases_are_written_with_their_phase(tmp_path: Path) -> None:
     recording = make(tmp_path / "a.h5", current_u=np.zeros(100), current_v=np.zeros(100), fs=np.zeros(1))
     init([recording], tmp_path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -23,6 +24,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.frequency_table import common_doubts
+from ballscrew.calibration.modelfile import read_model, write_model
 from ballscrew.estimation.nut import nut_evidence
 from ballscrew.estimation.preload import preload
 from ballscrew.estimation.samples import load_significance, share_uncertainty
@@ -398,6 +400,16 @@ def test_stops_that_the_baseline_lacks_are_omitted() -> None:
 def test_the_same_inputs_give_the_same_document() -> None:
     documents = [json.dumps(preload(run_of(0.6), calibrated(), BASE).to_json()) for _ in range(2)]
     assert documents[0] == documents[1]
+
+
+def test_runs_and_model_may_be_files(tmp_path: Path) -> None:
+    run, baseline, model = tmp_path / "run.json", tmp_path / "baseline.json", tmp_path / "model.json"
+    run_of(0.6).write(run)
+    BASE.write(baseline)
+    write_model(calibrated(), model)
+    of_files = preload(run, str(model), baseline, more=[baseline]).stiffness_relative_to_baseline
+    read = preload(Run.read(run), read_model(model), Run.read(baseline), more=[Run.read(baseline)])
+    assert of_files == read.stiffness_relative_to_baseline
 
 
 @pytest.mark.parametrize("more", [-15.0, 5.0, 15.0])

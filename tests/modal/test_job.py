@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -102,11 +103,13 @@ def test_the_load(folder):
     ("given", "message"),
     [
         ({"mass": "-1 kg"}, "load on the table .* -1 kg"),
-        ({"mass": "3 m"}, r"the load \(--mass\) is '3 m'"),
-        ({"mass": "heavy"}, r"the load \(--mass\) is 'heavy'"),
+        ({"mass": "3 m"}, r"the load \(mass\) is '3 m'"),
+        ({"mass": "heavy"}, r"the load \(mass\) is 'heavy'"),
         ({"mass": float("nan")}, "the load"),
-        ({"measured_at": "now"}, "--measured-at is 'now'"),
+        ({"measured_at": "now"}, "measured_at is 'now'"),
         ({"temperature": "warm"}, "the temperature is 'warm'"),
+        ({"temperature": 21.0}, r"the temperature is -252.15 °C; .* such as \"21 degC\""),
+        ({"temperature": "200 degC"}, "it must be between -40 and 150 °C"),
         ({"temperature": "20 kg"}, "the temperature is '20 kg'"),
         ({"axis": "none.toml"}, "none.toml"),
         ({"plan": "none.toml"}, "none.toml"),
@@ -168,3 +171,8 @@ def test_arrays_that_are_no_recording_are_refused_with_what_to_do(files):
 def test_any_iterable_of_paths_is_a_run(folder):
     settings = job((folder / name for name in ("a.h5", "b.h5")), channels=folder / "channels.toml")
     assert settings.files == (folder / "a.h5", folder / "b.h5")
+
+
+def test_a_time_may_be_a_datetime(folder):
+    when = datetime(2026, 1, 31, 8, tzinfo=UTC)
+    assert job(folder / "run.toml", measured_at=when).measured_at == "2026-01-31T08:00:00+00:00"

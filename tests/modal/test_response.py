@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 from scipy import signal
 
 import ballscrew
@@ -63,3 +65,34 @@ def test_values_whose_squares_are_no_numbers_are_refused(method, size):
     x = np.random.default_rng(0).normal(size=1000)
     with pytest.raises(InputError, match=f"the output has values up to .e.{abs(np.log10(size)):.0f}; state"):
         getattr(ballscrew, method)(x, size * x, "1 kHz")
+
+
+def _timed(kind: str, times: np.ndarray) -> object:
+    samples = np.random.default_rng(0).normal(size=len(times))
+    if kind == "xarray":
+        return xr.DataArray(samples, dims="time", coords={"time": times})
+    if kind == "seconds":
+        return pd.Series(samples, index=pd.Index(times, name="time"))
+    return pd.Series(samples, index=pd.to_timedelta(times, unit="s"))
+
+
+@pytest.mark.parametrize("kind", ["xarray", "seconds", "durations"])
+def test_times_of_the_samples_must_be_those_of_the_rate(kind: str) -> None:
+    times = np.arange(256) / 1000
+    gap = times + 0.5 * (times > 0.1)
+    assert ballscrew.frf(_timed(kind, times), _timed(kind, times + 7), "1 kHz").count == 1
+    with pytest.raises(InputError, match="the times of the input are those of 1000 Hz; 4000 Hz was stated"):
+        ballscrew.frf(_timed(kind, times), _timed(kind, times), "4 kHz")
+    for wrong in (gap, times[::-1]):
+        with pytest.raises(InputError, match="the times of the output"):
+            ballscrew.frf(_timed(kind, times), _timed(kind, wrong), "1 kHz")
+    with pytest.raises(InputError, match="signal 'torque' of arrays"):
+        ballscrew.Recording.from_arrays(torque=_timed(kind, times), sample_rate=4000)
+
+
+def test_an_index_that_is_no_time_is_ignored() -> None:
+    samples = np.random.default_rng(0).normal(size=256)
+    numbered = xr.DataArray(samples, dims="time", coords={"time": np.arange(256)})
+    in_ms = xr.DataArray(samples, dims="time", coords={"time": ("time", np.arange(256.0), {"units": "ms"})})
+    for u in (numbered, in_ms, pd.Series(samples), pd.Series(samples, index=np.arange(256.0))):
+        assert ballscrew.frf(u, samples, "1 kHz").count == 1

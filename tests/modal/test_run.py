@@ -69,6 +69,13 @@ def test_a_file_there_and_back(tmp_path):
     path = tmp_path / "RUN.json"
     path.write_text(write_json(RUN.to_json()), encoding="utf-8")
     assert Run.read(path) == RUN
+    assert Run.of(path) == RUN
+    assert Run.of(RUN) is RUN
+    assert len({RUN, Run.read(path), EMPTY}) == 2
+    path.write_text(path.read_text(encoding="utf-8").replace('"id"', '"number"'), encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        Run.read(path)
+    assert str(refused.value).startswith(f"{path}: is not a run of ballscrew")
 
 
 def test_the_keys_that_stay():

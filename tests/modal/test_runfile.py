@@ -82,7 +82,7 @@ def test_what_is_wrong_is_named(tmp_path, old, new, message):
 
 
 def test_times_by_hand():
-    assert timestamp("2026-01-31T08:00Z", "--measured-at") == "2026-01-31T08:00:00+00:00"
+    assert timestamp("2026-01-31T08:00Z", "measured_at") == "2026-01-31T08:00:00+00:00"
     for wrong in ("", "8 o'clock", "2026-13-01", "T"):
-        with pytest.raises(InputError, match="--measured-at is"):
-            timestamp(wrong, "--measured-at")
+        with pytest.raises(InputError, match="measured_at is"):
+            timestamp(wrong, "measured_at")

@@ -57,6 +57,17 @@ def test_the_document_has_the_stable_keys(result):
     assert sum(cause["probability"] for cause in document["causes"]) == pytest.approx(1)
 
 
+def test_runs_may_be_files_or_come_one_by_one(tmp_path):
+    runs = history(tuple(float(day) for day in range(4)))
+    paths = []
+    for number, run in enumerate(runs):
+        paths.append(tmp_path / f"{number}.json")
+        run.write(paths[-1])
+    expected = monitor(runs, calibrated()).state.state
+    assert monitor(iter(runs), calibrated()).state.state == expected
+    assert monitor(map(str, paths), calibrated()).state.state == expected
+
+
 def test_a_healthy_axis_has_an_open_end():
     result = monitor(history(DAYS), calibrated())
     assert result.state.state == "normal"

@@ -37,6 +37,8 @@ def test_an_acceleration_by_the_speed() -> None:
         made(TORQUE, POSITION, derived)
     with pytest.raises(InputError, match="give the travel per revolution as scale"):
         made(speed | {"unit": "rpm"})
+    with pytest.raises(InputError, match="give the travel per radian as scale"):
+        made(speed | {"unit": "rad/s"})
 
 
 def test_phases_and_filters_there_and_back() -> None:

@@ -52,6 +52,7 @@ def guessed(*channels: tuple[str, str | None]) -> dict[str, ChannelGuess]:
         ("Motordrehzahl [1/min]", None, "speed", False),
         ("Drehzahl", "U/min", "speed", False),
         ("speed (rpm)", None, "speed", False),
+        ("omega [rad/s]", None, "speed", False),
         ("n", "min-1", "speed", False),
         ("Istdrehmoment", "Nm", "torque", True),
         ("Motorstrom", "A", "current", True),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from datetime import datetime
 from typing import Any, get_type_hints
 
 from ballscrew.base.errors import InputError, printable, shown
@@ -67,6 +68,16 @@ def text(*, optional: bool = False) -> Field:
         return printable(value)
 
     return read
+
+
+def time(value: Any, where: str) -> str | None:
+    """A time in ISO 8601, or null."""
+    try:
+        if value is not None:
+            datetime.fromisoformat(value)
+    except (ValueError, TypeError):
+        raise wrong(value, where, "a time in ISO 8601 or null") from None
+    return None if value is None else str(value)
 
 
 def choice(*choices: str) -> Field:

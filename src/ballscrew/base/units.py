@@ -112,6 +112,10 @@ def conversion_by_pint(unit: str, to: str) -> tuple[float, float]:
         target = registry.Unit(to)
         zero = registry.Quantity(0.0, quantity).to(target).magnitude
         unity = registry.Quantity(1.0, quantity).to(target).magnitude
+        # Pint's radian has no dimension, so that it would read 1 rad/s as 1 Hz.
+        angular = "radian" in str(registry.Quantity(1.0, quantity).to_root_units().units)
+        if to == "Hz" and angular:
+            unity /= 2 * math.pi
     except pint.DimensionalityError:
         raise InputError(
             f"the unit {unit!r} is not one that can be turned into {to or 'a plain number'}"

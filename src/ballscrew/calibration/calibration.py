@@ -84,7 +84,7 @@ def calibrate(
     given = [runs] if isinstance(runs, Run) else runs
     if isinstance(given, str | Path):
         given = [given]
-    read = [run if isinstance(run, Run) else Run.read(run) for run in given]
+    read = [Run.of(run) for run in given]
     if not isinstance(sheet, DataSheet):
         sheet = read_axis(sheet)
     return solve_calibration(read, sheet, known, assumptions)[0]

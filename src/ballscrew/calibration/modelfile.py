@@ -189,6 +189,11 @@ def write_model(calibrated: CalibratedAxis, path: str | Path) -> None:
     write_text(path, write_json(model_json(calibrated)) + "\n")
 
 
+def model_of(given: CalibratedAxis | str | Path) -> CalibratedAxis:
+    """A model as given, or read from its path."""
+    return given if isinstance(given, CalibratedAxis) else read_model(given)
+
+
 def read_model(path: str | Path) -> CalibratedAxis:
     """Read MODEL.json.
 
@@ -214,7 +219,7 @@ def read_model(path: str | Path) -> CalibratedAxis:
         raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from None
     if size > _LARGEST_FILE:
         raise InputError(f"{path}: has {size} bytes; a model has {_LARGEST_FILE} at most.")
-    return model_from_json(read_json(path), path.name)
+    return model_from_json(read_json(path), str(path))
 
 
 def model_from_json(document: Mapping[str, Any], source: str) -> CalibratedAxis:
@@ -238,7 +243,7 @@ def model_from_json(document: Mapping[str, Any], source: str) -> CalibratedAxis:
         If it is not a model, or contains values that no model can have.
     """
     if document.get("kind") != KIND:
-        raise InputError(f"{source}: is not a model: its kind is {document.get('kind')!r:.40}, not {KIND!r}.")
+        raise InputError(f"{source}: is not a model: it has no kind {KIND!r}.")
     try:
         row = json_fields.fields(_MODEL, document, "", required=_REQUIRED)
         return _model(row, source)

@@ -14,7 +14,7 @@ from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.cli.output import check_outputs, console, print_json
-from ballscrew.recording.channels import ROTATIONS, TODO
+from ballscrew.recording.channels import RADIANS, ROTATIONS, TODO
 from ballscrew.recording.convert import rate_from_time
 from ballscrew.recording.guess import ChannelGuess, guess_channels
 from ballscrew.recording.header import Header
@@ -132,7 +132,10 @@ def _header(path: Path) -> Header:
     with opened(path) as source:
         header = source.header
     if not header.channels:
-        raise InputError(f"{path}: has no channel: it contains no series of numbers.")
+        raise InputError(
+            f"{path}: has no channel, a series of numbers in one dimension; store the columns of a matrix "
+            "one by one."
+        )
     return header
 
 
@@ -224,6 +227,10 @@ def _missing_units(used: Sequence[ChannelGuess]) -> list[str]:
             sentences.append(f"channels.toml: the unit of {guess.channel!r}.")
         elif guess.quantity == "speed" and ROTATIONS.match(guess.unit):
             sentences.append(f"channels.toml: scale of {guess.channel!r}: the lead, in mm per revolution.")
+        elif guess.quantity == "speed" and RADIANS.match(guess.unit):
+            sentences.append(
+                f"channels.toml: scale of {guess.channel!r}: the lead over 2π, in mm per radian."
+            )
     return sentences
 
 

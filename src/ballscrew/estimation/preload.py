@@ -15,6 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table, paired_cells
 from ballscrew.calibration.method import common_method
+from ballscrew.calibration.modelfile import model_of
 from ballscrew.estimation.causes import (
     CauseEvidence,
     MassChanges,
@@ -78,11 +80,11 @@ _MOST_LOAD_CHANGE = 0.25
 
 @single_threaded
 def preload(
-    run: Run,
-    model: CalibratedAxis,
-    baseline: Run | None = None,
+    run: Run | str | Path,
+    model: CalibratedAxis | str | Path,
+    baseline: Run | str | Path | None = None,
     *,
-    more: Sequence[Run] = (),
+    more: Sequence[Run | str | Path] = (),
     assumptions: Assumptions = DEFAULT_ASSUMPTIONS,
     accept: Sequence[str] = (),
 ) -> PreloadEstimate:
@@ -90,13 +92,13 @@ def preload(
 
     Parameters
     ----------
-    run : Run
+    run : Run or path-like
         Analysed.
-    model : CalibratedAxis
+    model : CalibratedAxis or path-like
         Of the same axis.
-    baseline : Run, optional
+    baseline : Run or path-like, optional
         Run that the change of the preload refers to, with the same plan and about the same load.
-    more : sequence of Run
+    more : sequence of Run or path-like
         Further baselines, to which the effect of the temperature is fitted.
     assumptions : Assumptions
         Settings that no run determines.
@@ -115,12 +117,15 @@ def preload(
         If run, model and baseline are not of one axis, one plan and about one load, or contain an impossible
         number; or if an accepted reason is none of the model's.
     """
+    run, model = Run.of(run), model_of(model)
+    baseline = None if baseline is None else Run.of(baseline)
+    further = [Run.of(other) for other in more]
     model.check_accepted(accept)
-    check_comparable(run, model, baseline, more)
+    check_comparable(run, model, baseline, further)
     inputs = {"run": run.id}
     if baseline is not None:
         inputs["baseline"] = baseline.id
-    for number, other in enumerate(more, 2):
+    for number, other in enumerate(further, 2):
         inputs[f"baseline {number}"] = other.id
     refusal = PreloadEstimate(
         run=run.id,
@@ -142,7 +147,7 @@ def preload(
         return refusal
     base = None if baseline is None else frequency_table(baseline)
     comparison = _RunComparison(frequency_table(run), base, model, assumptions)
-    return _estimate(refusal, comparison, run, baseline, more)
+    return _estimate(refusal, comparison, run, baseline, further)
 
 
 def _why_refused(run: Run, baseline: Run | None) -> str:

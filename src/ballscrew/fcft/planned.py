@@ -246,8 +246,8 @@ def _steps(test: Plan) -> tuple[str, ...]:
         return ()
     return (
         (
-            f"the acceleration is assumed to step within {STEP_TIME * 1e3:g} ms; a controller that limits "
-            "the jerk excites the mode less: state its limit (motion.jerk)."
+            f"the acceleration changes within {STEP_TIME * 1e3:g} ms or less, as is assumed without "
+            "motion.jerk; a controller that limits the jerk more excites the mode less: state its limit."
         ),
     )
 

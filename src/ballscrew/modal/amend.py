@@ -66,7 +66,7 @@ def amend(
         raise InputError("nothing is to be amended: give --measured-at or --mass.")
     amended = run
     if measured_at is not None:
-        amended = replace(amended, measured_at=timestamp(measured_at, "--measured-at"))
+        amended = replace(amended, measured_at=timestamp(measured_at, "measured_at"))
     if mass is not None:
         amended = _with_load(amended, _load(mass), axis, plan)
     identity = digest({SUPERSEDES: run.id, "measured_at": amended.measured_at, "mass_kg": amended.mass_kg})
@@ -96,9 +96,9 @@ def _load(mass: str | float) -> float:
     try:
         load = parse(mass, "kg")
     except InputError as error:
-        raise InputError(f"the load (--mass) is {mass!r}: {error}.") from None
+        raise InputError(f"the load (mass) is {mass!r}: {error}.") from None
     if not 0 <= load < math.inf:
-        raise InputError(f"the load on the table (--mass) is {load:g} kg; it must be 0 kg or more.")
+        raise InputError(f"the load on the table (mass) is {load:g} kg; it must be 0 kg or more.")
     return load
 
 

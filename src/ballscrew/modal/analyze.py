@@ -320,7 +320,7 @@ def quality(
         extract=lambda aligned: (aligned.rate, aligned.position.min(), aligned.position.max()),
         progress=progress,
     )
-    if not measurement.extracts:
+    if not measurement.extracts or measurement.quality.verdict == "bad":
         return measurement.quality
     rates, lows, highs = zip(*measurement.extracts.values(), strict=True)
     settings = JointSettings()

@@ -11,6 +11,7 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.units import parse
+from ballscrew.base.words import plural
 from ballscrew.modal.cell import CellResult, SharedError
 from ballscrew.modal.excited_record import ExcitedRecord, Signals, check_rates, read_record
 from ballscrew.modal.job import Files, Job
@@ -24,6 +25,7 @@ METHOD = "frf"
 """Name of the method in RUN.json."""
 
 _CONDITION = "PA"  # a run states a condition; an excited table has none
+_LONGEST = 30.0  # m: ball screws are shorter
 _SAME_PLACE = 1e-3  # m, positions that differ by less are one cell
 _SHARED = ("clock", "model")  # terms that repeat in every run
 
@@ -88,7 +90,14 @@ def analyze_frf(
 def listed_places(position: float | str | Sequence[float | str]) -> tuple[float, ...]:
     """Positions in m."""
     given = [position] if isinstance(position, float | int | str) else position
-    return tuple(parse(place, "m") for place in given)
+    places = tuple(parse(place, "m") for place in given)
+    for place in places:
+        if abs(place) > _LONGEST:
+            raise InputError(
+                f'a position of {place:g} m was given; state the unit, such as "200 mm": a number without '
+                f"one is in m, up to {_LONGEST:g} m."
+            )
+    return places
 
 
 def frf_job(
@@ -182,7 +191,8 @@ def _groups(
     """Records of each position, by rising position."""
     if len(places) not in (0, 1, len(records)):
         raise InputError(
-            f"{len(places)} positions are given for {len(records)} files; give one, or one for each file."
+            f"{plural(len(places), 'position')} given for {plural(len(records), 'file')}; give one, or one "
+            "for each file."
         )
     placed = []
     for index, record in enumerate(records):

@@ -159,7 +159,7 @@ def _check_names(path: Path, names: Sequence[str], listed: Iterable[str]) -> Non
     known = [*listed]
     for name in names:
         if name not in known:
-            texts = ", ".join(map(repr, known[:_MOST_LISTED])) or "no channel at all"
+            texts = ", ".join(map(repr, known[:_MOST_LISTED])) or "no series of numbers in one dimension"
             raise InputError(f"{path}: has no channel {name!r}; it has {texts}.")
 
 

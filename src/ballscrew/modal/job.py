@@ -19,6 +19,7 @@ from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.recording.channels import ChannelMap, read_channels
 from ballscrew.recording.motions import order_matters
 from ballscrew.recording.recording import Recording
+from ballscrew.recording.temperature import POSSIBLE
 
 File = str | Path | Recording
 Files = File | Sequence[File]
@@ -75,7 +76,7 @@ class Job:
         axis: str | Path | DataSheet | None,
         plan: str | Path | Plan | None,
         mass: str | float | None,
-        measured_at: str | None,
+        measured_at: str | datetime | None,
         temperature: str | float | None,
     ) -> Job:
         """Read all files about the run; options override RUN.toml.
@@ -107,17 +108,17 @@ class Job:
             )
         load = stated.load
         if mass is not None:
-            load = _parsed(mass, "kg", "the load (--mass)")
+            load = _parsed(mass, "kg", "the load (mass)")
         celsius = stated.temperature
         if temperature is not None:
-            celsius = _parsed(temperature, "kelvin", "the temperature") - _KELVIN
+            celsius = _celsius(_parsed(temperature, "kelvin", "the temperature"), "the temperature")
         return cls(
             files=stated.files,
             channels=channel_map,
             sheet=sheet,
             plan=test,
             mass=_load(load, sheet, test),
-            measured_at=timestamp(measured_at, "--measured-at") if measured_at else stated.measured_at,
+            measured_at=timestamp(measured_at, "measured_at") if measured_at else stated.measured_at,
             temperature=celsius,
             documents=_paths(*listed, axis or stated.axis, plan or stated.plan, channels or stated.channels),
         )
@@ -199,7 +200,7 @@ def _load(given: float | None, sheet: DataSheet | None, plan: Plan | None) -> fl
     """The load as given, or the plan's if it has one only; an axis requires it."""
     if given is not None:
         if given < 0:
-            raise InputError(f"the load on the table (--mass) is {given:g} kg; it must be 0 kg or more.")
+            raise InputError(f"the load on the table (mass) is {given:g} kg; it must be 0 kg or more.")
         return given
     if plan is not None and len(plan.masses) == 1:
         return plan.masses[0]
@@ -273,7 +274,7 @@ def read_run(path: str | Path) -> RunFile:
     axis, plan = fields.text("axis", None), fields.text("plan", None)
     celsius = None
     if "temperature" in fields:
-        celsius = fields.quantity("temperature", "kelvin", None, least=0) - _KELVIN
+        celsius = _celsius(fields.quantity("temperature", "kelvin", None, least=0), f"{path}: temperature")
     return RunFile(
         files=tuple(folder / name for name in names),
         channels=folder / fields.text("channels"),
@@ -285,12 +286,24 @@ def read_run(path: str | Path) -> RunFile:
     )
 
 
-def timestamp(text: str, where: str) -> str:
+def _celsius(kelvin: float, where: str) -> float:
+    """Temperature of an axis in °C; ``where`` is its name in a message."""
+    celsius = kelvin - _KELVIN
+    low, high = POSSIBLE
+    if not low <= celsius <= high:
+        raise InputError(
+            f"{where} is {celsius:g} °C; it must be between {low:g} and {high:g} °C. A number without a unit "
+            'is in kelvin: state the unit, such as "21 degC".'
+        )
+    return celsius
+
+
+def timestamp(text: str | datetime, where: str) -> str:
     """Check a time and return it in ISO 8601.
 
     Parameters
     ----------
-    text : str
+    text : str or datetime
         ``"2026-01-31T08:00Z"``.
     where : str
         Its place, for the message.
@@ -305,6 +318,8 @@ def timestamp(text: str, where: str) -> str:
     InputError
         If it is none.
     """
+    if isinstance(text, datetime):
+        return text.isoformat()
     try:
         return datetime.fromisoformat(text).isoformat()
     except (ValueError, TypeError):

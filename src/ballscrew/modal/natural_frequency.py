@@ -161,7 +161,7 @@ def natural_frequency(
     100.0
     """
     rate = parse_rate(sample_rate)
-    inputs, outputs = check_records(input, output)
+    inputs, outputs = check_records(input, output, rate)
     low, high = _search_range(inputs, outputs, rate, band)
     response = frequency_response(inputs, outputs, rate)
     step = max(1, math.floor(rate / (_RATE * high)))

@@ -191,10 +191,10 @@ def resonances(
     """
     rate = parse_rate(sample_rate)
     order = _integrations(quantities)
-    inputs, outputs = check_records(input, output)
+    inputs, outputs = check_records(input, output, rate)
     rows: list[list[Array]] = [inputs, outputs]
     if reference is not None:
-        rows.append(check_records(input, reference)[1])
+        rows.append(check_records(input, reference, rate)[1])
     signals = _Signals(
         [*zip(*rows, strict=True)],
         rate,

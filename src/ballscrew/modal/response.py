@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ballscrew.base.arrays import Array, real_samples
+from ballscrew.base.arrays import Array, check_times, real_samples
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.result import PlottedResult
 from ballscrew.base.units import parse
@@ -108,8 +108,8 @@ def frf(
     Raises
     ------
     InputError
-        If input and output do not belong together or have values that are not finite, or estimator or
-        resolution are none.
+        If input and output do not belong together, have values that are not finite, or times that
+        contradict the sample rate, or estimator or resolution are none.
 
     References
     ----------
@@ -128,7 +128,7 @@ def frf(
     if estimator not in _ESTIMATORS:
         raise InputError(f"the estimator is {shown(estimator)}; it must be {', '.join(_ESTIMATORS)}.")
     rate = parse_rate(sample_rate)
-    inputs, outputs = check_records(input, output)
+    inputs, outputs = check_records(input, output, rate)
     length = max(map(len, inputs))
     step = rate / length if resolution is None else _parse_resolution(resolution, rate, length)
     spectra = averaged_spectra(inputs, outputs, rate, step)
@@ -173,9 +173,13 @@ def parse_rate(sample_rate: float | str) -> float:
     return rate
 
 
-def check_records(input: Records, output: Records) -> tuple[list[Array], list[Array]]:  # noqa: A002
+def check_records(
+    input: Records,  # noqa: A002
+    output: Records,
+    rate: float,
+) -> tuple[list[Array], list[Array]]:
     """Records of input and output, checked."""
-    inputs, outputs = _rows("input", input), _rows("output", output)
+    inputs, outputs = _rows("input", input, rate), _rows("output", output, rate)
     sizes, others = [*map(len, inputs)], [*map(len, outputs)]
     if sizes != others:
         raise InputError(
@@ -185,11 +189,14 @@ def check_records(input: Records, output: Records) -> tuple[list[Array], list[Ar
     return inputs, outputs
 
 
-def _rows(name: str, given: Records) -> list[Array]:
+def _rows(name: str, given: Records, rate: float) -> list[Array]:
     """Records of a signal, in float64."""
     several = isinstance(given, list | tuple) and len(given) > 0 and np.ndim(given[0]) == 1
+    separate = given if several else [given]
+    for row in separate:
+        check_times(row, rate, name)
     try:
-        rows = [real_samples(row) for row in (given if several else [given])]
+        rows = [real_samples(row) for row in separate]
     except (TypeError, ValueError):
         raise InputError(f"the {name} must be numbers, of shape (samples,) or (records, samples).") from None
     if not several and rows[0].ndim == 2:

@@ -301,7 +301,16 @@ class Run(PlottedResult):
     @classmethod
     def read(cls, path: str | Path) -> Run:
         """Read what ``analyze --json`` printed."""
-        return replace(cls.from_json(read_json(path), Path(path).name), source=str(path))
+        return replace(cls.from_json(read_json(path), str(path)), source=str(path))
+
+    @classmethod
+    def of(cls, given: Run | str | Path) -> Run:
+        """A run as given, or read from its path."""
+        return given if isinstance(given, Run) else cls.read(given)
+
+    def __hash__(self) -> int:
+        """Equal runs have equal identities."""
+        return hash(self.id)
 
     def write(self, path: str | Path) -> None:
         """Write what ``analyze --json`` prints; an existing file is replaced whole."""

@@ -17,7 +17,7 @@ FIELDS: Mapping[str, json_fields.Field] = {
     # run
     "axis": json_fields.text(optional=True),
     "mass_kg": json_fields.number(0.0, _KILOGRAMS[1], optional=True),
-    "measured_at": json_fields.text(optional=True),
+    "measured_at": json_fields.time,
     "temperature_C": json_fields.number(-273.15, 2000.0, optional=True),
     "sha256": json_fields.text(),
     # run.temperature

@@ -170,6 +170,14 @@ class HealthState:
         return 1 - found[-1].value / found[0].value
 
     @property
+    def visits(self) -> int:
+        """Good runs of the newest epoch; those of a day count once where it has a chart."""
+        chart = (None, *self.charts)[-1]
+        if chart is not None:
+            return len(chart.visits.first)
+        return sum(run.reading.verdict == "good" for run in self.epoch_runs)
+
+    @property
     def why_unassessed(self) -> str:
         """Why the axis is not assessed as of its newest run, without full stop; empty where it is."""
         parts = []
@@ -178,6 +186,8 @@ class HealthState:
             learnt = f"{good} of {LEAST_GOOD} good runs"
             if good >= LEAST_GOOD:
                 learnt = f"a baseline takes {LEAST_GOOD} good runs on different days"
+            if self.visits >= LEAST_GOOD:
+                learnt = "the baseline is complete: the next good run will be assessed"
             parts.append(f"learning, {learnt}")
             if self.loss_while_learning is not None:
                 loss = percent(self.loss_while_learning)

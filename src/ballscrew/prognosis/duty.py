@@ -18,6 +18,7 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
+from ballscrew.base.words import plural
 from ballscrew.monitoring.epochs import moment
 
 COUNTERS = ("revolutions", "hours")
@@ -208,7 +209,9 @@ def _rows(path: str | Path, source: str) -> tuple[list[str], _Rows]:
     if len(set(heading)) < len(heading):
         raise InputError(f"{source}: two columns have the same name; each must have its own.")
     if len(rows) < 2:
-        raise InputError(f"{source}: has {len(rows)} readings below its heading; it must have two or more.")
+        raise InputError(
+            f"{source}: has {plural(len(rows), 'reading')} below its heading; it must have two or more."
+        )
     return heading, [(line, dict(zip(heading, map(str.strip, cells), strict=False))) for line, cells in rows]
 
 

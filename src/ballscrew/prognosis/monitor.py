@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.result import PlottedResult, first_sentences, with_interval
 from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.calibration.modelfile import model_of
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.checkpoint import Checkpoint, make_checkpoint
@@ -116,8 +118,8 @@ class Monitored(PlottedResult):
 
 @single_threaded
 def monitor(
-    runs: Sequence[Run],
-    model: CalibratedAxis,
+    runs: Iterable[Run | str | Path],
+    model: CalibratedAxis | str | Path,
     *,
     events: Sequence[Event] = (),
     settings: MonitorSettings | None = None,
@@ -132,9 +134,9 @@ def monitor(
 
     Parameters
     ----------
-    runs : sequence of Run
+    runs : iterable of Run or path-like
         Runs of one axis by one plan and method, each with its time; in any order.
-    model : CalibratedAxis
+    model : CalibratedAxis or path-like
         Calibrated model of the axis, see :func:`ballscrew.calibrate`.
     events : sequence of Event
         Events on the axis, see :func:`~ballscrew.monitoring.epochs.read_events`.
@@ -178,13 +180,13 @@ def monitor(
     >>> result = ballscrew.monitor(runs, ballscrew.read_model("MODEL.json"))  # doctest: +SKIP
     >>> result.state.alarm_at, result.prognosis.rul_days[0.5]  # doctest: +SKIP
     """
-    settings = settings or MonitorSettings()
+    settings, model = settings or MonitorSettings(), model_of(model)
     model.check_accepted(accept)
     known = None
     if checkpoint is not None:
         checkpoint.check(model, settings, events)
         known = checkpoint.history
-    past = read_history(runs, model, events, settings, known)
+    past = read_history([Run.of(run) for run in runs], model, events, settings, known)
     state = health_of(past, model, events, settings, accept)
     after = make_checkpoint(past, model, settings, events)
     history = epoch_history(state, model)

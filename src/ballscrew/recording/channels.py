@@ -20,6 +20,7 @@ _LARGEST = 1e15  # scale: more than the steps of a 48-bit counter
 ROTATIONS = re.compile(  # units of a motor's speed
     r"(?:rpm|(?:1|r|rev|u|umdr\.?|tr|giri) ?/ ?min|min ?(?:\^? ?-1|⁻¹))\Z", re.IGNORECASE
 )
+RADIANS = re.compile(r"rad ?/ ?s\Z", re.IGNORECASE)  # the same by angle
 DERIVED_FROM = {"second-derivative": "position", "derivative": "speed"}  # an acceleration
 _ANGLES = ("deg", "°", "rad", "rev", "turn", "turns", "revolution", "degree", "degrees", "radian")
 # Fields of a channel and their defaults, which are omitted from settings.
@@ -280,8 +281,10 @@ def _unit(row: Fields, quantity: str) -> str:
             "unit",
             "a length, the table's; for a motor's angle give the travel per unit as scale, and its unit",
         )
-    if quantity == "speed" and ROTATIONS.match(unit.strip()):
-        travel = "for a motor's speed give the travel per revolution as scale"
+    by_turn, by_angle = ROTATIONS.match(unit.strip()), RADIANS.match(unit.strip())
+    if quantity == "speed" and (by_turn or by_angle):
+        per = "revolution" if by_turn else "radian"
+        travel = f"for a motor's speed give the travel per {per} as scale"
         raise row.error("unit", f'the table\'s, such as "mm/min"; {travel}')
     try:
         to_si(unit, quantity)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.base.words import plural
 from ballscrew.recording.channels import DERIVED_FROM, RATES, Channel, ChannelMap
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
@@ -229,7 +230,7 @@ def check_sources(path: Path, header: Header, channels: ChannelMap) -> None:
         hint = ";"
         if close:
             hint = f", did you mean {folded[close[0]]!r}?"
-        listing = ", ".join(names[:_MOST_LISTED]) or "no channel at all"
+        listing = ", ".join(names[:_MOST_LISTED]) or "no series of numbers in one dimension"
         if len(names) > _MOST_LISTED:
             listing += f" and {len(names) - _MOST_LISTED} more"
         raise InputError(
@@ -243,7 +244,8 @@ def _check_values(path: Path, source: str, values: Any) -> None:
         raise InputError(f"{path}: the reader gave no row of numbers for the channel {source!r}.")
     if values.size < LEAST_SAMPLES:
         raise InputError(
-            f"{path}: {source!r} has {values.size} samples; a channel must have {LEAST_SAMPLES} or more."
+            f"{path}: {source!r} has {plural(values.size, 'sample')}; a channel must have {LEAST_SAMPLES} "
+            "or more."
         )
 
 

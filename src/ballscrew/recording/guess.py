@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from ballscrew.base.errors import InputError
-from ballscrew.recording.channels import PHASES, ROTATIONS, TODO, phase_of
+from ballscrew.recording.channels import PHASES, RADIANS, ROTATIONS, TODO, phase_of
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
 from ballscrew.recording.readers.labels import is_unit, split_label
@@ -160,7 +160,7 @@ def _faster_speed(guesses: list[ChannelGuess], used: set[int], rates: Mapping[st
     speed = guesses[speeds[0]]
     if not rates[speed.channel] > rates[guesses[positions[0]].channel]:
         return []
-    known = speed.sure or ROTATIONS.match(speed.unit)
+    known = speed.sure or ROTATIONS.match(speed.unit) or RADIANS.match(speed.unit)
     return speeds if known and not _is_reference(speed.channel) else []
 
 
@@ -244,8 +244,9 @@ def _guess(channel: RawChannel) -> ChannelGuess:
         direction = tokens[-1]
     if any(map(_DEVIATION.fullmatch, tokens)):
         return ChannelGuess(channel.name, "", unit, "its name is that of a deviation", sure=False)
-    if ROTATIONS.match(unit):
-        why = f"its unit is {unit}, of a motor's speed; the scale is the lead"
+    if ROTATIONS.match(unit) or RADIANS.match(unit):
+        scale = "the lead" if ROTATIONS.match(unit) else "the lead over 2π"
+        why = f"its unit is {unit}, of a motor's speed; the scale is {scale}"
         return ChannelGuess(channel.name, "speed", unit, why, sure=False)
     word = _quantity_word(tokens, direction)
     guess = _by_name_and_unit(channel.name, word, unit)

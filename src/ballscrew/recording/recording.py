@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ballscrew.base.arrays import Array, real_samples
+from ballscrew.base.arrays import Array, check_times, real_samples
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import FileRef, digest
 from ballscrew.base.units import parse
@@ -99,7 +99,8 @@ class Recording:
         Raises
         ------
         InputError
-            If a signal is no row of numbers, or its name or unit is not known.
+            If a signal is no row of numbers, its name or unit is not known, or its own times contradict the
+            sample rate.
 
         Examples
         --------
@@ -113,6 +114,8 @@ class Recording:
         0.1
         """
         rate = parse(sample_rate, "Hz")
+        for key, values in signals.items():
+            check_times(values, rate, f"signal {key!r} of {name}")
         raw = {key: _samples(name, key, values) for key, values in signals.items()}
         stated = {key: _unit(values) for key, values in signals.items()} | dict(units or {})
         _check_names(name, raw, stated)

@@ -11,7 +11,8 @@ import numpy as np
 from ballscrew.recording.recording import Recording
 
 _KELVIN = 273.15
-_POSSIBLE = (-40.0, 150.0)  # °C of an axis: an open thermocouple reads far outside
+POSSIBLE = (-40.0, 150.0)
+"""Least and highest temperature of an axis, °C: an open thermocouple reads far outside."""
 _END = 0.1  # of a recording, whose mean is its first or last temperature
 _PLACES = ("nut", "screw")  # the first that has a sensor is the axis's
 # In the location of a sensor, else in its channel's name: what its temperature says nothing about the nut's.
@@ -77,7 +78,7 @@ def trip_temperatures(recording: Recording) -> dict[str, tuple[float, float, flo
         if place not in _PLACES and is_elsewhere(location or str(attrs.get("source", ""))):
             continue
         values = recording.array(name) - _KELVIN
-        if not np.all((values >= _POSSIBLE[0]) & (values <= _POSSIBLE[1])):
+        if not np.all((values >= POSSIBLE[0]) & (values <= POSSIBLE[1])):
             continue
         count = max(int(_END * len(values)), 1)
         row = float(values.mean()), float(values[:count].mean()), float(values[-count:].mean())

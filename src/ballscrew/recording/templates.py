@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from importlib import resources
 
-from ballscrew.recording.channels import ROTATIONS, TODO
+from ballscrew.recording.channels import RADIANS, ROTATIONS, TODO
 from ballscrew.recording.guess import ChannelGuess
 from ballscrew.recording.measured_plan import MeasuredPlan
 from ballscrew.recording.quantities import INPUTS, SI_UNITS
@@ -117,6 +117,9 @@ def _scale(guess: ChannelGuess) -> list[str]:
     if guess.quantity == "speed" and ROTATIONS.match(guess.unit):
         why = f"TODO the lead, mm per revolution of the motor, such as 10 (no quotes): {guess.unit} to mm/min"
         return ['unit = "mm/min"', f'scale = "{TODO}"   # {why}']
+    if guess.quantity == "speed" and RADIANS.match(guess.unit):
+        why = "TODO the lead over 2π, mm per radian of the motor, such as 1.5915 (no quotes): rad/s to mm/s"
+        return ['unit = "mm/s"', f'scale = "{TODO}"   # {why}']
     lines = []
     if guess.unit == TODO:
         lines.append(f'unit = "{TODO}"   # TODO the unit of this channel')

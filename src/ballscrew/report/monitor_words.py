@@ -136,11 +136,7 @@ def _without_nothing(actions: Sequence[str]) -> tuple[str, ...]:
 
 def _learning(state: HealthState) -> tuple[str, ...]:
     good = sum(run.reading.verdict == "good" for run in state.epoch_runs)
-    visits = good
-    chart = (None, *state.charts)[-1]
-    if chart is not None:
-        visits = len(chart.visits.first)
-    missing = LEAST_GOOD - visits
+    missing = LEAST_GOOD - state.visits
     if state.loss_while_learning is not None:
         return ("Check load, temperature and nut now: a baseline that contains a loss hides it.",)
     if missing <= 0:
@@ -151,7 +147,7 @@ def _learning(state: HealthState) -> tuple[str, ...]:
     if state.epoch_runs[-1].state == "suspect":
         first = "Correct first what makes the newest run suspect: a repeat would be suspect too."
         return (f"{first} Then run the test {times}: a baseline takes three good runs.",)
-    if visits != good:
+    if state.visits != good:
         days = ", on another day: a second run on a day repeats the first"
     return (f"Run the test {times} more in the same way{days}. A baseline takes three good runs.",)
 

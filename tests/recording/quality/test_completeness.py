@@ -264,3 +264,14 @@ def test_a_mass_that_no_load_explains_is_one_of_the_scale(part, severity, words)
     findings = _check_mass(SHEET, 0.0, rigid)
     assert [finding.severity for finding in findings] == ([severity] if severity else [])
     assert all(words in finding.message for finding in findings)
+
+
+@pytest.mark.parametrize(("factor", "offset"), [(-1.0, 0.0), (1.0, 5.0)])
+def test_a_nut_that_leaves_the_screw_is_bad(run, factor, offset):
+    run = run.short
+    moved = tuple(changed(trip, lambda _, x: factor * x + offset, "position") for trip in run.recordings)
+    sheet = replace(run.sheet, screw=replace(run.sheet.screw, bearing_to_zero=0.05))
+    found = messages(ran(moved, None, sheet, None), "places")
+    assert len(found) == 1
+    assert ", off the screw, which ends at -50 and " in found[0]
+    assert not messages(ran(run.recordings, None, sheet, None), "places")

@@ -44,7 +44,7 @@ def test_a_time_that_goes_back_is_bad():
     time[5000:] -= 0.2
     (finding,) = check_time("a.csv", time)
     assert (finding.severity, finding.code) == ("bad", "time")
-    assert "goes back 1 times, first at 0.3905 s" in finding.message
+    assert "goes back 1 time, first at 0.3905 s" in finding.message
 
 
 @pytest.mark.parametrize("time", [np.zeros(1000), TIME[::-1], np.full(1000, np.nan)])

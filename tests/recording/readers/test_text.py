@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from ballscrew.base.errors import InputError
 from ballscrew.recording.readers import reader_for
 from ballscrew.recording.readers.labels import split_label
+from ballscrew.recording.readers.process import opened
 from ballscrew.recording.readers.text import TextReader
 
 READER = TextReader()
@@ -237,3 +238,10 @@ def test_titles_are_names_without_quotes_and_never_twice(
 def test_a_long_label_has_no_unit() -> None:
     assert split_label(" a [mm] ") == ("a", "mm")
     assert split_label(" " + "a" * 300 + " [mm] ") == ("a" * 300 + " [mm]", None)
+
+
+def test_a_comma_that_separates_and_marks_decimals(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("Zeit [ms],Drehmoment [Nm],Weg [mm]\n" + "0,25,0,0003,1,5\n" * 50, encoding="utf-8")
+    with pytest.raises(InputError, match="the heading has 3 names and the rows have 6 numbers"), opened(path):
+        pass

@@ -77,15 +77,34 @@ def check_run(
     -------
     tuple of Finding
         Repetitions missing or too many, duplicate transients, stops not reached, phases elsewhere, an axis
-        whose zero has moved, a load that is not the plan's, a nut load that uses up the screw's pretension,
-        an equivalent mass or a constant force that does not agree with data sheet and load.
+        whose zero has moved, a nut off the screw, a load that is not the plan's, a nut load that uses up
+        the screw's pretension, an equivalent mass or a constant force that does not agree with data sheet
+        and load.
     """
     findings: list[Finding] = [*_copies(transients)]
     if plan is not None:
         findings += _check_places(transients, plan)
+    if sheet is not None:
+        findings += _check_travel(transients, sheet)
     if mass is not None:
         findings += check_load(plan, sheet, mass, rigid)
     return tuple(findings)
+
+
+def _check_travel(transients: xr.Dataset, sheet: DataSheet) -> list[Finding]:
+    """Check that the nut stays on the screw, where the model of the axis holds."""
+    low, high = -sheet.screw.bearing_to_zero, sheet.travel_limit
+    reached = transients["reached_m"].to_numpy().astype(np.float64)
+    beyond = reached[(reached < low) | (reached > high)]
+    if not beyond.size:
+        return []
+    farthest = beyond[np.argmax(np.abs(beyond - (low + high) / 2))]
+    text = (
+        f"the axis moves to {1e3 * farthest:.0f} mm, off the screw, which ends at {1e3 * low:.0f} and "
+        f"{1e3 * high:.0f} mm: check polarity, offset and unit of the position, and length and "
+        "bearing_to_zero of the data sheet"
+    )
+    return [Finding("bad", "places", text)]
 
 
 def check_load(

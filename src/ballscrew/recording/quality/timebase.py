@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.base.words import percent
+from ballscrew.base.words import percent, plural
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.recording.kinematics import Kinematics
 from ballscrew.recording.motions import nearest_motion
@@ -120,14 +120,14 @@ def check_time(file: str, time: Array) -> list[Finding]:
     if rate is None or len(back):
         text = f"{file}: the time column does not increase"
         if len(back):
-            text += f" and goes back {len(back)} times, first at {time[back[0]]:.4g} s"
+            text += f" and goes back {plural(len(back), 'time')}, first at {time[back[0]]:.4g} s"
         return [Finding("bad", "time", text)]
     tick = _tick(steps)
     gaps = np.flatnonzero(steps > _GAP / rate + tick)
     if len(gaps):
         lost = round(float(np.sum(steps[gaps] * rate - 1)))
         text = (
-            f"{file}: about {lost} samples are missing in {len(gaps)} gaps of the time column, "
+            f"{file}: about {lost} samples are missing in {plural(len(gaps), 'gap')} of the time column, "
             f"the first at {time[gaps[0]]:.4g} s"
         )
         return [Finding(severity(bad=len(gaps) > _MANY_GAPS), "dropped", text)]

@@ -155,13 +155,14 @@ def sniff(raw: bytes, codec: str, path: Path) -> TableDialect:
     Raises
     ------
     InputError
-        If no reading has a row of numbers.
+        If no reading has a row of numbers, or a comma is both separator and decimal mark.
     """
     offsets, lines = _sample(raw, codec)
     best = _best_table(lines)
     if best is None:
         raise InputError(f"{path}: holds no table: no line in its beginning is a row of numbers.")
     above = [line for line in lines[: best.first] if not _is_blank(line, best.delimiter)]
+    _check_comma(above, best, path)
     names, units = _header(above, best)
     notes = [line.strip().lstrip("#% ") for line in lines[: best.first]]
     notes = [note for note in notes if len(note) <= _LONGEST_NOTE]
@@ -299,6 +300,19 @@ def _header(above: list[str], table: _Table) -> tuple[tuple[str, ...], tuple[str
         names.append(title or f"column_{index}")
         units.append(_bare(unit) or split_label(title)[1])
     return unique(names), tuple(units)
+
+
+def _check_comma(above: list[str], table: _Table, path: Path) -> None:
+    """Refuse a table whose rows have more cells than its heading: their commas are decimal marks too."""
+    if not above or table.titled or table.delimiter != ",":
+        return
+    names = split_line(above[-1], ",")
+    are_words = all(name.strip() and number(name, ".") is None for name in names)
+    if are_words and 1 < len(names) < table.columns <= 2 * len(names):
+        raise InputError(
+            f"{path}: the heading has {len(names)} names and the rows have {table.columns} numbers, as where "
+            "the comma is both separator and decimal mark: export it with semicolons, or with decimal points."
+        )
 
 
 def _titles_of(lines: list[str], table: _Table) -> list[str]:
