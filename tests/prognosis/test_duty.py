@@ -56,7 +56,7 @@ def test_a_file_is_read_with_its_counters_and_dates(tmp_path):
         (("2026-01-01,5,1", "2026-01-02,4,2"), "revolutions falls from 5 to 4 in line 3"),
         (("2026-01-01,1,1", "2026-01-02,2,99"), "hours rise by 98 up to line 3, in 24 hours"),
         (("soon,1,1", "2026-01-02,2,2"), "date in line 2 is 'soon'"),
-        (("2026-01-01,1,1",), "has 1 readings"),
+        (("2026-01-01,1,1",), "has 1 reading below"),
         ((), "has 0 readings"),
     ],
 )

@@ -127,7 +127,7 @@ def check_time(file: str, time: Array) -> list[Finding]:
     if len(gaps):
         lost = round(float(np.sum(steps[gaps] * rate - 1)))
         text = (
-            f"{file}: about {lost} samples are missing in {plural(len(gaps), 'gap')} of the time column, "
+            f"{file}: about {lost} samples are missing in {len(gaps)} gaps of the time column, "
             f"the first at {time[gaps[0]]:.4g} s"
         )
         return [Finding(severity(bad=len(gaps) > _MANY_GAPS), "dropped", text)]
