@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 import ballscrew as package
@@ -48,6 +50,17 @@ def test_the_more_is_given_the_more_is_checked(ballscrew, rig):
 def test_the_function_of_the_same_name(rig):
     assert package.quality(rig / "run.toml").verdict == "good"
     assert package.quality(rig / "bad.h5", channels=rig / "channels.toml").verdict == "bad"
+
+
+def test_an_axis_that_leaves_the_screw_is_bad(rig):
+    """The rate that its mode takes cannot be predicted there."""
+    sheet = package.read_axis(rig / "axis.toml")
+    screw = replace(sheet.screw, bearing_to_zero=-0.01)
+    found = package.quality(
+        rig / "trip1.h5", channels=rig / "channels.toml", axis=replace(sheet, screw=screw), mass="100 kg"
+    )
+    assert found.verdict == "bad"
+    assert "off the screw" in " ".join(found.reasons)
 
 
 @pytest.mark.parametrize("arguments", [["none.h5"], ["trip1.h5"], ["run.toml", "trip1.h5"]])

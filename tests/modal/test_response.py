@@ -83,7 +83,7 @@ def test_times_of_the_samples_must_be_those_of_the_rate(kind: str) -> None:
     assert ballscrew.frf(_timed(kind, times), _timed(kind, times + 7), "1 kHz").count == 1
     with pytest.raises(InputError, match="the times of the input are those of 1000 Hz; 4000 Hz was stated"):
         ballscrew.frf(_timed(kind, times), _timed(kind, times), "4 kHz")
-    for wrong in (gap, times[::-1]):
+    for wrong in (gap, times[::-1], np.append(times[:-1], times[-2])):
         with pytest.raises(InputError, match="the times of the output"):
             ballscrew.frf(_timed(kind, times), _timed(kind, wrong), "1 kHz")
     with pytest.raises(InputError, match="signal 'torque' of arrays"):

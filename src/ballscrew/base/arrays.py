@@ -56,13 +56,13 @@ def check_times(values: Any, rate: float, name: str) -> None:
     if times is None or times.size < 2:
         return
     steps = np.diff(times)
-    mean = float(np.median(steps))
-    if not abs(mean * rate - 1) <= _RATE_ERROR:
-        own = 1 / mean if mean > 0 else 0.0
+    typical = float(np.median(steps))
+    if not abs(typical * rate - 1) <= _RATE_ERROR:
+        own = 1 / typical if typical > 0 else 0.0
         raise InputError(
             f"the times of the {name} are those of {own:g} Hz; {rate:g} Hz was stated as the sample rate."
         )
-    uneven = (steps <= 0) | (steps > _LONGEST_STEP * mean)
+    uneven = (steps <= 0) | (steps > _LONGEST_STEP * typical)
     if uneven.any():
         first = float(times[np.argmax(uneven)])
         raise InputError(f"the times of the {name} have a gap or go back after {first:g} s.")

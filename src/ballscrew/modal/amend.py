@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import replace
+from datetime import datetime
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
@@ -26,7 +27,7 @@ _FITTED = ("equivalent_mass_kg", "viscous_N_s_per_m", "coulomb_N", "offset_N")
 def amend(
     run: Run,
     *,
-    measured_at: str | None = None,
+    measured_at: str | datetime | None = None,
     mass: str | float | None = None,
     axis: DataSheet | None = None,
     plan: Plan | None = None,
@@ -37,7 +38,7 @@ def amend(
     ----------
     run : Run
         Analysed.
-    measured_at : str, optional
+    measured_at : str or datetime, optional
         ISO 8601.
     mass : str or float, optional
         Load on the table, ``"100 kg"``, a bare number in kg; requires the data sheet, and the plan where the

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +115,7 @@ def analyze(
     axis: str | Path | DataSheet | None = None,
     plan: str | Path | Plan | None = None,
     mass: str | float | None = None,
-    measured_at: str | None = None,
+    measured_at: str | datetime | None = None,
     temperature: str | float | None = None,
     method: str = "joint",
     response: Response = "both",
@@ -138,7 +139,7 @@ def analyze(
         The test; without it stops and speeds are found by clustering, and nothing is known to be missing.
     mass : str or float, optional
         Load on the table, ``"100 kg"``, a bare number in kg; by default the plan's, where it has one only.
-    measured_at : str, optional
+    measured_at : str or datetime, optional
         ISO 8601; by default the start time of the first file.
     temperature : str or float, optional
         Of the axis, ``"23 degC"``, a bare number in kelvin; by default the mean of a recorded temperature.

@@ -41,7 +41,7 @@ def analyze_frf(
     axis: str | Path | DataSheet | None = None,
     position: float | str | Sequence[float | str] | None = None,
     mass: float | str | None = None,
-    measured_at: str | None = None,
+    measured_at: str | datetime | None = None,
     band: tuple[float | str, float | str] | None = None,
 ) -> Run:
     """Estimate the axial natural frequency from noise, a chirp or sine steps that the drive added.
@@ -66,7 +66,7 @@ def analyze_frf(
         of the position.
     mass : float or str, optional
         Load on the table, kg.
-    measured_at : str, optional
+    measured_at : str or datetime, optional
         ISO 8601; by default as the first file states it.
     band : tuple of (float or str), optional
         Range of frequencies that is fitted, Hz.
@@ -105,7 +105,7 @@ def frf_job(
     channels: str | Path | ChannelMap | None,
     axis: str | Path | DataSheet | None,
     mass: float | str | None,
-    measured_at: str | None,
+    measured_at: str | datetime | None,
 ) -> Job:
     """Job without plan, for which no channel map is required; parameters as :func:`analyze_frf`."""
     given = [files] if isinstance(files, str | Path | Recording) else files

@@ -245,3 +245,6 @@ def test_a_comma_that_separates_and_marks_decimals(tmp_path: Path) -> None:
     path.write_text("Zeit [ms],Drehmoment [Nm],Weg [mm]\n" + "0,25,0,0003,1,5\n" * 50, encoding="utf-8")
     with pytest.raises(InputError, match="the heading has 3 names and the rows have 6 numbers"), opened(path):
         pass
+    path.write_text("lathe, axis, x\n" + "1.5,2.5,3,4\n" * 50, encoding="utf-8")
+    with opened(path) as source:
+        assert len(source.header.channels) == 4

@@ -162,7 +162,7 @@ def sniff(raw: bytes, codec: str, path: Path) -> TableDialect:
     if best is None:
         raise InputError(f"{path}: holds no table: no line in its beginning is a row of numbers.")
     above = [line for line in lines[: best.first] if not _is_blank(line, best.delimiter)]
-    _check_comma(above, best, path)
+    _check_comma(above, lines[best.first], best, path)
     names, units = _header(above, best)
     notes = [line.strip().lstrip("#% ") for line in lines[: best.first]]
     notes = [note for note in notes if len(note) <= _LONGEST_NOTE]
@@ -302,9 +302,9 @@ def _header(above: list[str], table: _Table) -> tuple[tuple[str, ...], tuple[str
     return unique(names), tuple(units)
 
 
-def _check_comma(above: list[str], table: _Table, path: Path) -> None:
-    """Refuse a table whose rows have more cells than its heading: their commas are decimal marks too."""
-    if not above or table.titled or table.delimiter != ",":
+def _check_comma(above: list[str], row: str, table: _Table, path: Path) -> None:
+    """Refuse rows of more cells than the heading, without a decimal point: their commas are decimal marks."""
+    if not above or table.titled or table.delimiter != "," or "." in row:
         return
     names = split_line(above[-1], ",")
     are_words = all(name.strip() and number(name, ".") is None for name in names)
