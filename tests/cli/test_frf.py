@@ -135,6 +135,14 @@ guide.friction = "25 N"
 """
 
 
+def test_a_position_beyond_the_screw_of_the_data_sheet_is_refused(command, tmp_path):
+    axis = tmp_path / "axis.toml"
+    axis.write_text(SHEET)
+    outcome = command("--position", "2 m", "--mass", "0 kg", "--axis", axis)
+    assert outcome.status == 2
+    assert "a position of 2 m was given; it must be between -0.12 and 0.78 m" in " ".join(outcome.err.split())
+
+
 def test_the_table_of_the_modes_is_exported(command, tmp_path):
     path = tmp_path / "modes.csv"
     assert command("--position", "200 mm", "--export", path).status == 0

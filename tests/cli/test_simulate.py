@@ -51,6 +51,7 @@ def test_json_tells_the_truth(ballscrew, folder):
     [
         (("--preload", "3 kg"), "--preload is '3 kg'"),
         (("--preload", "-3 N"), "--preload is '-3 N'; it must be 0 N or more"),
+        (("--preload", "50 kN"), "must be at most the dynamic load rating of the data sheet"),
         (("--mass", "heavy"), "--mass is 'heavy'"),
         (("--backlash", "1 um"), "backlash"),
         (("--out", "plan.toml"), "cannot be written"),

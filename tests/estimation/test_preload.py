@@ -20,6 +20,7 @@ import ballscrew.estimation.preload as preload_module
 from ballscrew.axis.compliance import equivalent_preload_ratio
 from ballscrew.axis.hertz import RELEASE
 from ballscrew.base.errors import InputError
+from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import Doubt
@@ -33,6 +34,7 @@ from ballscrew.modal.reason import Reason, ReasonKind
 from ballscrew.modal.run import FrameMode, Run
 from ballscrew.recording.quality.clock import Clock
 from ballscrew.recording.quality.finding import Quality
+from ballscrew.testbed.example import AXIS
 
 BASE = run_of(name="base")
 
@@ -384,6 +386,13 @@ def test_another_axis_plan_or_load_is_refused() -> None:
         preload(run_of(), model, run_of(name="base", load=10.0))
     with pytest.raises(InputError, match="has no load"):
         preload(dataclasses.replace(run_of(), mass_kg=None), model, BASE)
+
+
+def test_a_cell_that_is_not_on_the_screw_is_refused() -> None:
+    model = dataclasses.replace(calibrated(), made=Made({"sheet": AXIS.to_settings()}))
+    far = run_of(stops=(0.0, 0.225, 2.0))
+    with pytest.raises(InputError, match="the position in m is 2"):
+        preload(far, model, run_of(name="base", stops=(0.0, 0.225, 2.0)))
 
 
 def test_stops_that_the_baseline_lacks_are_omitted() -> None:

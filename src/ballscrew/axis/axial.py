@@ -219,12 +219,8 @@ def from_sheet(sheet: DataSheet, centre: float) -> AxialModel:
     InputError
         If the centre is not on the screw.
     """
+    sheet.check_position(centre, "centre")
     low, high = -sheet.screw.bearing_to_zero, sheet.travel_limit
-    if not low <= centre <= high:
-        raise InputError(
-            f"{sheet.source}: a centre of {centre:g} m was given; it must be between {low:g} and {high:g} m, "
-            "on the screw."
-        )
     reach = max(high - centre, centre - low) / 2
     step = reach if centre + reach <= high else -reach
     here, there, beyond = structure_compliance(

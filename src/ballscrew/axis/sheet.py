@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from ballscrew.base.errors import InputError
+
 SUPPORTS = ("fixed-free", "fixed-supported", "fixed-fixed")
 ORIENTATIONS = ("horizontal", "inclined", "vertical")
 POSITIVE_DIRECTIONS = ("up", "down")
@@ -240,6 +242,28 @@ class DataSheet:
     def nominal_preload(self) -> float:
         """Preload when new, N."""
         return self.screw.preload_ratio * self.screw.dynamic_load_rating
+
+    def check_position(self, position: float, name: str = "position") -> None:
+        """Refuse a position that is not on the screw.
+
+        Parameters
+        ----------
+        position : float
+            m.
+        name : str
+            Of what is there, in the message.
+
+        Raises
+        ------
+        InputError
+            If the position is beyond an end of the screw.
+        """
+        low, high = -self.screw.bearing_to_zero, self.travel_limit
+        if not low <= position <= high:
+            raise InputError(
+                f"{self.source}: a {name} of {position:g} m was given; it must be between {low:g} and "
+                f"{high:g} m, on the screw."
+            )
 
     def to_settings(self) -> dict[str, Any]:
         """All values that results depend on as plain dicts, without the file's name and the limits."""

@@ -14,6 +14,7 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.result import PlottedResult, first_sentences, quantity_rows
+from ballscrew.base.settings import check_setting
 from ballscrew.base.words import plural
 
 if TYPE_CHECKING:
@@ -356,6 +357,26 @@ class CalibratedAxis(PlottedResult):
                 if known:
                     allowed = f"it must be one of {', '.join(shown(name) for name in known)}"
                 raise InputError(f"the accepted reason is {shown(name)}; {allowed}.")
+
+    def check_positions(self, positions: Sequence[float]) -> None:
+        """Refuse a position that is not on the screw, where the model states its data sheet.
+
+        Parameters
+        ----------
+        positions : sequence of float
+            Of cells, m.
+
+        Raises
+        ------
+        InputError
+            If one is beyond an end of the screw.
+        """
+        screw = self.made.settings.get("sheet", {}).get("screw")
+        if screw is None:
+            return
+        zero = screw["bearing_to_zero"]
+        for position in positions:
+            check_setting("the position in m", position, least=-zero, most=screw["length"] - zero)
 
     def group_of(self, run: str) -> int | None:
         """Group of a run of the calibration by its id; None for other runs."""

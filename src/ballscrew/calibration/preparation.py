@@ -119,7 +119,8 @@ def prepare(
         reasons.append(Doubt("frame-mode", text))
     reasons += transmission_doubts(tables) + warm_screw_doubts(tables)
     positions = np.concatenate([table.position for table in tables])
-    _check_positions(positions, sheet)
+    for position in positions.tolist():
+        sheet.check_position(position, "stop")
     centre = float(positions.min() + positions.max()) / 2
     loads = [table.load for table in tables]
     forms = model_forms(sheet, centre, (min(loads) + max(loads)) / 2)
@@ -227,14 +228,3 @@ def transmission_doubts(tables: Sequence[FrequencyTable]) -> list[Doubt]:
         "scale of the torque are wrong"
     )
     return [Doubt("transmission", text)]
-
-
-def _check_positions(positions: Array, sheet: DataSheet) -> None:
-    """Refuse a stop beyond the ends of the screw."""
-    low, high = -sheet.screw.bearing_to_zero, sheet.travel_limit
-    outside = positions[(positions < low) | (positions > high)]
-    if len(outside):
-        raise InputError(
-            f"a run has a stop at {outside[0]:g} m; it must lie between {low:g} and {high:g} m, on the screw "
-            f"of {sheet.source}."
-        )

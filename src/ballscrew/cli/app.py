@@ -275,7 +275,9 @@ def frf(
         Path | None,
         option("Channel map. [default: none; the units of the channels have no effect]", "CHANNELS.toml"),
     ] = None,
-    axis: Annotated[Path | None, option("Data sheet of the axis, for its name.", "AXIS.toml")] = None,
+    axis: Annotated[
+        Path | None, option("Data sheet of the axis, for its name and the ends of its screw.", "AXIS.toml")
+    ] = None,
     position: Annotated[
         list[str] | None,
         option(

@@ -82,7 +82,7 @@ def preload_from_frequency(
         raise InputError("no position was given; each frequency needs that of the table.")
     if isinstance(model, DataSheet):
         model = axis_of_sheet(model, (min(positions) + max(positions)) / 2, mass)
-    _check_positions(positions, model)
+    model.check_positions(positions)
     run = _run(_as_list(frequency), positions, mass, model)
     base = None if baseline is None else _run(_as_list(baseline), positions, mass, model)
     return preload(run, model, base, assumptions=assumptions, accept=accept)
@@ -93,15 +93,6 @@ def _as_list(given: Any) -> list[Any]:
     if isinstance(given, Iterable) and not isinstance(given, str):
         return [*given]
     return [given]
-
-
-def _check_positions(positions: Sequence[float], model: CalibratedAxis) -> None:
-    """Refuse a position that is not on the screw, where the model states the data sheet."""
-    screw = model.made.settings.get("sheet", {}).get("screw")
-    if screw is not None:
-        zero = screw["bearing_to_zero"]
-        for position in positions:
-            check_setting("the position in m", position, least=-zero, most=screw["length"] - zero)
 
 
 def _run(frequencies: list[Any], positions: list[float], load: float, model: CalibratedAxis) -> Run:

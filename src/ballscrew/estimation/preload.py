@@ -114,8 +114,8 @@ def preload(
     Raises
     ------
     InputError
-        If run, model and baseline are not of one axis, one plan and about one load, or contain an impossible
-        number; or if an accepted reason is none of the model's.
+        If run, model and baseline are not of one axis, one plan and about one load, a cell of the run is not
+        on the screw, or a number is impossible; or if an accepted reason is none of the model's.
     """
     run, model = Run.of(run), model_of(model)
     baseline = None if baseline is None else Run.of(baseline)
@@ -145,8 +145,9 @@ def preload(
         if run.quality.verdict == "good" and not bad_baseline:
             return apply_release_limit(refusal, run, baseline, model)
         return refusal
-    base = None if baseline is None else frequency_table(baseline)
-    comparison = _RunComparison(frequency_table(run), base, model, assumptions)
+    table, base = frequency_table(run), None if baseline is None else frequency_table(baseline)
+    model.check_positions(table.position.tolist())
+    comparison = _RunComparison(table, base, model, assumptions)
     return _estimate(refusal, comparison, run, baseline, further)
 
 

@@ -60,7 +60,7 @@ def analyze_frf(
     channels : path-like or ChannelMap, optional
         Channel map; without one the channels are read as the file has them.
     axis : path-like or DataSheet, optional
-        Data sheet, for its name.
+        Data sheet, for its name and the ends of its screw.
     position : float or str, or sequence of these, optional
         Of the table, m, or with a unit: one for all files or one for each. By default the mean of the channel
         of the position.
@@ -79,8 +79,8 @@ def analyze_frf(
     Raises
     ------
     InputError
-        If a file has no such channel, the quantities or the position are not known, or the signals are too
-        short.
+        If a file has no such channel, the quantities or the position are not known, the position is not on
+        the screw, or the signals are too short.
     """
     job = frf_job(files, channels, axis, mass, measured_at)
     places = () if position is None else listed_places(position)
@@ -126,6 +126,8 @@ def examine_frf(
     records = _records(job, signals)
     found = []
     for place, group in _groups(records, places):
+        if job.sheet is not None:
+            job.sheet.check_position(place)
         found.append((place, len(group), _resonances(group, band)))
     cells = tuple(_cell(*each) for each in found)
     files = tuple(record.file for record in records)

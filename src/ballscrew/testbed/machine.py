@@ -78,7 +78,8 @@ class Machine:
     Raises
     ------
     InputError
-        If a number cannot be, a nut has preload and backlash at once, or places do not ascend.
+        If a number cannot be, a nut has preload and backlash at once or more preload than its dynamic load
+        rating, or places do not ascend.
     """
 
     sheet: DataSheet
@@ -117,11 +118,7 @@ class Machine:
             raise InputError(
                 f"a pitch_share of {self.pitch_share:g} was given; it must be less than 1, the whole mass."
             )
-        if self.preload > 0 and self.backlash > 0:
-            raise InputError(
-                f"a preload of {self.preload:g} N and a backlash of {self.backlash:g} m were given; "
-                "a nut has backlash only where its preload is 0."
-            )
+        _check_preload(self)
         _check_support(self)
         _check_lost(self.lost)
 
@@ -151,6 +148,20 @@ class Machine:
     def local_backlash(self, position: ArrayLike) -> Array:
         """Backlash at axis positions, m."""
         return np.asarray(2 * np.maximum(-self.pressed(position), 0.0))
+
+
+def _check_preload(machine: Machine) -> None:
+    if machine.preload > 0 and machine.backlash > 0:
+        raise InputError(
+            f"a preload of {machine.preload:g} N and a backlash of {machine.backlash:g} m were given; "
+            "a nut has backlash only where its preload is 0."
+        )
+    rating = machine.sheet.screw.dynamic_load_rating
+    if machine.preload > rating:
+        raise InputError(
+            f"a preload of {machine.preload:g} N was given; it must be at most the dynamic load rating "
+            f"of the data sheet, {rating:g} N."
+        )
 
 
 def _check_support(machine: Machine) -> None:
