@@ -371,7 +371,7 @@ class CalibratedAxis(PlottedResult):
         InputError
             If one is beyond an end of the screw.
         """
-        screw = self.made.settings.get("sheet", {}).get("screw")
+        screw = (self.made.settings.get("sheet") or {}).get("screw")
         if screw is None:
             return
         zero = screw["bearing_to_zero"]

@@ -81,6 +81,8 @@ def preload_from_frequency(
     if not positions:
         raise InputError("no position was given; each frequency needs that of the table.")
     if isinstance(model, DataSheet):
+        for each in positions:
+            model.check_position(each)
         model = axis_of_sheet(model, (min(positions) + max(positions)) / 2, mass)
     model.check_positions(positions)
     run = _run(_as_list(frequency), positions, mass, model)

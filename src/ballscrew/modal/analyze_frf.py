@@ -124,10 +124,12 @@ def examine_frf(
 ) -> tuple[Run, list[tuple[float, Resonances]]]:
     """Run of a job, and position and result of each of its cells."""
     records = _records(job, signals)
-    found = []
-    for place, group in _groups(records, places):
-        if job.sheet is not None:
+    groups = _groups(records, places)
+    if job.sheet is not None:
+        for place, _ in groups:
             job.sheet.check_position(place)
+    found = []
+    for place, group in groups:
         found.append((place, len(group), _resonances(group, band)))
     cells = tuple(_cell(*each) for each in found)
     files = tuple(record.file for record in records)

@@ -37,7 +37,7 @@ class Machine:
     sheet : DataSheet
         The true values; the data sheet that an analysis is given may say others.
     preload : float
-        P, N; 0 where there is none left.
+        P, N, up to the dynamic load rating; 0 where there is none left.
     backlash : float
         Clearance once the preload is gone, m.
     damping_ratio : float

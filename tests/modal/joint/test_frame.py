@@ -12,7 +12,7 @@ import pytest
 from tests.modal.joint.conftest import STOPS, SmallRun, small_run, two_stops
 
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.modal.joint import frame, search
+from ballscrew.modal.joint import frame, frequencies, search
 from ballscrew.modal.joint.blocks import Block, make_block
 from ballscrew.modal.joint.fit import JointFit, fit_blocks, fit_modes
 from ballscrew.modal.joint.frame import FrameSearch, _with_frame, find_frame
@@ -69,6 +69,22 @@ def test_the_frame_is_reported(result: JointResult) -> None:
     assert frame.damping_ratio == pytest.approx(0.05, abs=0.01)
     assert frame.mass_ratio == pytest.approx(8.0, rel=0.1)
     assert frame.residual_ratio < 0.7
+
+
+@pytest.mark.parametrize(("limit", "relative"), [(1.5, 1e-3), (0.5, 3e-3)])
+def test_a_frame_far_above_the_mode_has_a_larger_term(
+    framed: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch, limit: float, relative: float
+) -> None:
+    """That of this run is at 0.93 of the mode, and counts as far above it with the lower limit."""
+    monkeypatch.setattr(frequencies, "_HIGH", limit)
+    two = two_stops(framed)
+    result = identify_jointly(two.trips, two.transients, sheet, LOAD)
+    assert result.frame_mode is not None
+    assert result.frame_mode.mass_ratio is not None
+    for cell in result.cells:
+        assert cell.frequency_Hz is not None
+        expected = relative * max(1.0, 8 / result.frame_mode.mass_ratio) * cell.frequency_Hz
+        assert cell.uncertainty_terms_Hz["frame"] == pytest.approx(expected)
 
 
 def test_a_frame_that_explains_nothing_beside_the_ripple_is_omitted(

@@ -56,9 +56,9 @@ _LEAST_UNMEASURED = 1e-4
 # coupling up to 0.2, and 0.7 % with one of 0.23.
 _FRAME = 1e-3
 _PITCHING = 2e-3
-# The same with a frame far above the mode: the torsional mode above the band makes its mass up to 20 % too
-# small. The error is up to 0.8 %, in runs with a standard uncertainty of 0.3 % without this term, with frames
-# at 1.6 and 1.8 of the mode of nine random axes.
+# The same with a frame far above the mode: the torsional mode above the band makes the frame's mass up to
+# 20 % too small. With frames at 1.6 and 1.8 of the mode of nine random axes the error is up to 0.8 %, in runs
+# with a standard uncertainty of 0.3 % without this term. With it the cells are suspect.
 _HIGH_FRAME = 3e-3
 _HIGH = 1.5  # frequency of such a frame over the mode's
 # Coupling (moving mass over the frame's) from which on the error grows in proportion to it.
