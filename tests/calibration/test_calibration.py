@@ -581,7 +581,7 @@ def test_what_does_not_belong_together_is_refused(experiment, sheet: DataSheet) 
     with pytest.raises(InputError, match="0 runs"):
         calibrate([], sheet)
     far = replace(runs[0], cells=tuple(replace(c, position_m=4.0) for c in runs[0].cells))
-    with pytest.raises(InputError, match="on the screw"):
+    with pytest.raises(InputError, match=f"run {far.id[:12]}: the stop is 4 m; it must be on the screw"):
         calibrate([far], sheet)
     none = replace(runs[0], cells=tuple(replace(c, verdict="refused") for c in runs[0].cells))
     with pytest.raises(MeasurementError, match="refused"):

@@ -140,7 +140,7 @@ def test_a_position_beyond_the_screw_of_the_data_sheet_is_refused(command, tmp_p
     axis.write_text(SHEET)
     outcome = command("--position", "2 m", "--mass", "0 kg", "--axis", axis)
     assert outcome.status == 2
-    assert "a position of 2 m was given; it must be between -0.12 and 0.78 m" in " ".join(outcome.err.split())
+    assert "axis.toml: the position is 2 m; it must be on the screw" in " ".join(outcome.err.split())
 
 
 def test_the_table_of_the_modes_is_exported(command, tmp_path):

@@ -87,7 +87,7 @@ def test_a_data_sheet_alone_is_suspect_and_wide_and_a_change_by_it_is_not_wide()
         ({"frequency": Quantity(0.15, 0.01, "kHz")}, "it must be a Quantity in Hz"),
         ({"frequency": Quantity(-1.0, 1.0)}, "the frequency in Hz is -1"),
         ({"frequency": [Quantity(150.0, 1.0)] * 2}, "each frequency needs a position; 2 and 1 were given"),
-        ({"position": "225"}, "the position in m is 225"),
+        ({"position": "225"}, "the model: the position is 225 m"),
         ({"position": []}, "no position was given"),
         ({"position": None}, "None is not a number"),
         ({"load": "-3 kg"}, "the load in kg is -3"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -390,9 +391,13 @@ def test_another_axis_plan_or_load_is_refused() -> None:
 
 def test_a_cell_that_is_not_on_the_screw_is_refused() -> None:
     model = dataclasses.replace(calibrated(), made=Made({"sheet": AXIS.to_settings()}))
-    far = run_of(stops=(0.0, 0.225, 2.0))
-    with pytest.raises(InputError, match="the position in m is 2"):
-        preload(far, model, run_of(name="base", stops=(0.0, 0.225, 2.0)))
+    far = run_of(name="far", stops=(0.0, 0.225, 0.780000004))
+    sentence = "run far: the stop is 0.780000004 m; it must be on the screw, which ends at -0.12 and 0.78 m"
+    for pair in ((far, BASE), (run_of(0.6), far)):
+        with pytest.raises(InputError, match=re.escape(sentence)):
+            preload(pair[0], model, pair[1])
+    with pytest.raises(InputError, match=re.escape(sentence)):
+        preload(run_of(0.6), model, BASE, more=[far])
 
 
 def test_stops_that_the_baseline_lacks_are_omitted() -> None:

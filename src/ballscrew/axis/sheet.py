@@ -243,27 +243,13 @@ class DataSheet:
         """Preload when new, N."""
         return self.screw.preload_ratio * self.screw.dynamic_load_rating
 
-    def check_position(self, position: float, name: str = "position") -> None:
+    def check_position(self, position: float, name: str = "position", source: object = None) -> None:
         """Refuse a position that is not on the screw.
 
-        Parameters
-        ----------
-        position : float
-            m.
-        name : str
-            Of what is there, in the message.
-
-        Raises
-        ------
-        InputError
-            If the position is beyond an end of the screw.
+        Parameters and error are those of :func:`check_on_screw`; by default the source is the sheet's file.
         """
-        low, high = -self.screw.bearing_to_zero, self.travel_limit
-        if not low <= position <= high:
-            raise InputError(
-                f"{self.source}: a {name} of {position:g} m was given; it must be between {low:g} and "
-                f"{high:g} m, on the screw."
-            )
+        ends = (-self.screw.bearing_to_zero, self.travel_limit)
+        check_on_screw(position, ends, source or self.source, name)
 
     def to_settings(self) -> dict[str, Any]:
         """All values that results depend on as plain dicts, without the file's name and the limits."""
@@ -275,3 +261,32 @@ class DataSheet:
                 if table[name] == default:
                     del table[name]
         return settings
+
+
+def check_on_screw(
+    position: float, ends: tuple[float, float], source: object, name: str = "position"
+) -> None:
+    """Refuse a position that is not on the screw.
+
+    Parameters
+    ----------
+    position : float
+        m.
+    ends : tuple of float
+        Positions of the screw's near and far end, m.
+    source : object
+        What states the position, or its file, for the message.
+    name : str
+        Of the position, for the message.
+
+    Raises
+    ------
+    InputError
+        If the position is beyond an end of the screw.
+    """
+    near, far = ends
+    if not near <= position <= far:
+        raise InputError(
+            f"{source}: the {name} is {position:.9g} m; it must be on the screw, which ends at {near:g} and "
+            f"{far:g} m."
+        )

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ballscrew.axis.axial import PARAMETERS, AxialModel, to_vector
+from ballscrew.axis.sheet import check_on_screw
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.result import PlottedResult, first_sentences, quantity_rows
-from ballscrew.base.settings import check_setting
 from ballscrew.base.words import plural
 
 if TYPE_CHECKING:
@@ -358,13 +358,15 @@ class CalibratedAxis(PlottedResult):
                     allowed = f"it must be one of {', '.join(shown(name) for name in known)}"
                 raise InputError(f"the accepted reason is {shown(name)}; {allowed}.")
 
-    def check_positions(self, positions: Sequence[float]) -> None:
+    def check_positions(self, positions: Sequence[float], source: object, name: str = "position") -> None:
         """Refuse a position that is not on the screw, where the model states its data sheet.
 
         Parameters
         ----------
         positions : sequence of float
             Of cells, m.
+        source, name
+            As for :func:`~ballscrew.axis.sheet.check_on_screw`.
 
         Raises
         ------
@@ -374,9 +376,9 @@ class CalibratedAxis(PlottedResult):
         screw = (self.made.settings.get("sheet") or {}).get("screw")
         if screw is None:
             return
-        zero = screw["bearing_to_zero"]
+        near = -screw["bearing_to_zero"]
         for position in positions:
-            check_setting("the position in m", position, least=-zero, most=screw["length"] - zero)
+            check_on_screw(position, (near, near + screw["length"]), source, name)
 
     def group_of(self, run: str) -> int | None:
         """Group of a run of the calibration by its id; None for other runs."""

@@ -118,9 +118,8 @@ def prepare(
         )
         reasons.append(Doubt("frame-mode", text))
     reasons += transmission_doubts(tables) + warm_screw_doubts(tables)
+    _check_stops(runs, tables, sheet)
     positions = np.concatenate([table.position for table in tables])
-    for position in positions.tolist():
-        sheet.check_position(position, "stop")
     centre = float(positions.min() + positions.max()) / 2
     loads = [table.load for table in tables]
     forms = model_forms(sheet, centre, (min(loads) + max(loads)) / 2)
@@ -166,6 +165,14 @@ def _check_runs(runs: Sequence[Run], sheet: DataSheet, known: Mapping[str, Quant
     for key in known:
         if key not in ids:
             raise InputError(f"a known preload belongs to run {key[:12]}, which was not given.")
+
+
+def _check_stops(runs: Sequence[Run], tables: Sequence[FrequencyTable], sheet: DataSheet) -> None:
+    """Check that the stops of the runs with these tables are on the screw."""
+    names = {run.id: run.name for run in runs}
+    for table in tables:
+        for position in table.position.tolist():
+            sheet.check_position(position, "stop", names[table.id])
 
 
 def _usable_tables(runs: Sequence[Run]) -> tuple[tuple[FrequencyTable, ...], list[Doubt]]:

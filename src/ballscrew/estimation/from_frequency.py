@@ -84,7 +84,7 @@ def preload_from_frequency(
         for each in positions:
             model.check_position(each)
         model = axis_of_sheet(model, (min(positions) + max(positions)) / 2, mass)
-    model.check_positions(positions)
+    model.check_positions(positions, "the model")
     run = _run(_as_list(frequency), positions, mass, model)
     base = None if baseline is None else _run(_as_list(baseline), positions, mass, model)
     return preload(run, model, base, assumptions=assumptions, accept=accept)

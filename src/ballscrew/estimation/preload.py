@@ -114,7 +114,7 @@ def preload(
     Raises
     ------
     InputError
-        If run, model and baseline are not of one axis, one plan and about one load, a cell of the run is not
+        If run, model and baseline are not of one axis, one plan and about one load, a cell of a run is not
         on the screw, or a number is impossible; or if an accepted reason is none of the model's.
     """
     run, model = Run.of(run), model_of(model)
@@ -146,9 +146,16 @@ def preload(
             return apply_release_limit(refusal, run, baseline, model)
         return refusal
     table, base = frequency_table(run), None if baseline is None else frequency_table(baseline)
-    model.check_positions(table.position.tolist())
+    _check_stops([run, baseline, *further], model)
     comparison = _RunComparison(table, base, model, assumptions)
     return _estimate(refusal, comparison, run, baseline, further)
+
+
+def _check_stops(runs: Sequence[Run | None], model: CalibratedAxis) -> None:
+    """Check that the stops of the runs are on the screw."""
+    for run in runs:
+        if run is not None:
+            model.check_positions(frequency_table(run).position.tolist(), run.name, "stop")
 
 
 def _why_refused(run: Run, baseline: Run | None) -> str:

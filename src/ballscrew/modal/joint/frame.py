@@ -66,6 +66,10 @@ _MOST_MASS = 50.0
 _LEAST_FREQUENCY = 0.45
 _LARGEST_FREQUENCY = 2.2
 
+# Frequency over the axial one from which on a frame is far above: the torsional mode above the band makes its
+# mass up to 20 % too small.
+_FAR_ABOVE = 1.5
+
 _DISTINCT = 0.1  # margin of a FrameSearch above which the run shows which of the two modes is the axis
 _SAME = 0.01  # largest difference of ln(frequency) of two fits in which the same mode is the axis
 
@@ -82,8 +86,8 @@ class FrameSearch:
         Reduction of :func:`~ballscrew.modal.joint.fit.log_residual` by the frame; the pitching mode is fitted
         both with and without it.
     margin : float
-        Log residual with axis and frame interchanged, less that of ``modes``. If no such fit was found, the
-        log residual without a frame takes its place.
+        Log residual with axis and frame interchanged, less that of ``modes``. If no such fit has a possible
+        frame, the log residual without a frame takes its place.
     pitching : bool
         Whether the mode is that in which the table pitches.
     """
@@ -190,6 +194,22 @@ def _is_frame(mode: AxialMode) -> bool:
     """True if the frame's mode is near the axial one, and has mass and damping ratio of a machine's frame."""
     near = _LEAST_FREQUENCY < mode.frame / mode.middle_frequency < _LARGEST_FREQUENCY
     return near and mode.frame_damping < _MOST_DAMPING and mode.coupling * _MOST_MASS >= 1
+
+
+def is_far_above(mode: AxialMode) -> bool:
+    """True if the frame's mode is so far above the axial one that its mass, and with it both, are uncertain.
+
+    Parameters
+    ----------
+    mode : AxialMode
+        Of a fit, with a frame.
+
+    Returns
+    -------
+    bool
+        Whether its frequency exceeds the axial one by more than half.
+    """
+    return mode.frame > _FAR_ABOVE * mode.middle_frequency
 
 
 def frame_scores(plain: JointFit) -> Array:

@@ -12,6 +12,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import ROTOR_FREE, ROTOR_HELD, Projection, make_block, project
 from ballscrew.modal.joint.columns import MOTOR_MODE_COLUMNS
 from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit
+from ballscrew.modal.joint.frame import is_far_above
 from ballscrew.modal.joint.local_wear import local_residue, shrinkage_covariance
 from ballscrew.modal.joint.mode import mode_frequency
 from ballscrew.modal.joint.search import SearchResult
@@ -56,11 +57,9 @@ _LEAST_UNMEASURED = 1e-4
 # coupling up to 0.2, and 0.7 % with one of 0.23.
 _FRAME = 1e-3
 _PITCHING = 2e-3
-# The same with a frame far above the mode: the torsional mode above the band makes the frame's mass up to
-# 20 % too small. With frames at 1.6 and 1.8 of the mode of nine random axes the error is up to 0.8 %, in runs
-# with a standard uncertainty of 0.3 % without this term. With it the cells are suspect.
+# The same with a frame far above the mode. With frames at 1.6 and 1.8 of the mode of nine random axes the
+# error is up to 0.8 %, in runs with a standard uncertainty of 0.3 % without this term.
 _HIGH_FRAME = 3e-3
-_HIGH = 1.5  # frequency of such a frame over the mode's
 # Coupling (moving mass over the frame's) from which on the error grows in proportion to it.
 _FRAME_COUPLING = 1 / 8
 
@@ -256,7 +255,7 @@ def _frequency_and_terms(
         relative = _FRAME
         if found.frame is not None and found.frame.pitching:
             relative = _PITCHING
-        elif fit.modes[0].frame > _HIGH * fit.modes[0].middle_frequency:
+        elif is_far_above(fit.modes[0]):
             relative = _HIGH_FRAME
         terms.append(
             UncertaintyTerm("frame", False, relative * max(1.0, coupling / _FRAME_COUPLING) * f[None])

@@ -15,6 +15,7 @@ from ballscrew.axis.hertz import RELEASE
 from ballscrew.modal.cell import CellKey, CellResult, SharedError, TransientRow
 from ballscrew.modal.joint.blocks import ROTOR_HELD
 from ballscrew.modal.joint.fit import JointFit
+from ballscrew.modal.joint.frame import is_far_above
 from ballscrew.modal.joint.frequencies import CellFrequencies, estimate_frequencies, unexplained_power
 from ballscrew.modal.joint.mode import damping_ratio, mode_frequency
 from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
@@ -278,26 +279,38 @@ def _reason_of_worst_cell(frequencies: CellFrequencies, settings: JointSettings)
 
 def _run_reasons(found: SearchResult, frequencies: CellFrequencies) -> list[Reason]:
     """Reasons for all cells of a run to be suspect."""
-    fit, out = found.unwhitened, []
-    if found.frame is not None and not found.frame.distinct:
-        mode = f"the machine's frame has a mode near {found.fit.modes[0].frame:.0f} Hz"
-        if found.frame.pitching:
-            mode = f"the table pitches near {found.fit.modes[0].frame:.0f} Hz"
-        text = (
-            f"{mode}, and it is uncertain which of the two modes is that of the axis: "
-            "test stops farther from each other, or another load"
-        )
-        out.append(Reason("frame", text))
+    fit = found.unwhitened
     possible = (
+        _uncertain_frame(found),
         disagreement(found.trips),
         _unmeasured_force(fit),
         _other_nut(found, frequencies),
         _responses_differ(found.fit, frequencies),
     )
-    out += [reason for reason in possible if reason is not None]
+    out = [reason for reason in possible if reason is not None]
     if _moved_by_ripple(fit):
         out.append(_MOVED_BY_RIPPLE)
     return out
+
+
+def _uncertain_frame(found: SearchResult) -> Reason | None:
+    """The reason, if the frame's mode may be that of the axis, or is far above it."""
+    if found.frame is None:
+        return None
+    mode = found.fit.modes[0]
+    named = f"the machine's frame has a mode near {mode.frame:.0f} Hz"
+    if found.frame.pitching:
+        named = f"the table pitches near {mode.frame:.0f} Hz"
+    if not found.frame.distinct:
+        text = (
+            f"{named}, and it is uncertain which of the two modes is that of the axis: "
+            "test stops farther from each other, or another load"
+        )
+        return Reason("frame", text)
+    if is_far_above(mode) and not found.frame.pitching:
+        text = f"{named}, far above that of the axis: the frequencies of the axis may be wrong by up to 1 %"
+        return Reason("frame", text)
+    return None
 
 
 def _other_nut(found: SearchResult, frequencies: CellFrequencies) -> Reason | None:
