@@ -260,8 +260,9 @@ def tables(
     if "lives" in show:
         rows = each("axes", partial(axis_at_work, draws=draws), seeds, jobs)
         ends, sound, cadence = ([row[k] for row in rows] for k in range(3))
-        names = [f"{FUSED}, {BASELINES[-1]}", *REPEATED, NAIVE, *SIGNATURES]
-        by = {name: ([r.alarms[name] for r in ends], [r.alarms[name] for r in sound]) for name in names}
+        names = {name: name for name in (*REPEATED, NAIVE, *SIGNATURES)}
+        names = {FUSED: f"{FUSED}, {BASELINES[-1]}"} | names
+        by = {of: ([r.alarms[k] for r in ends], [r.alarms[k] for r in sound]) for of, k in names.items()}
         yield "lives", [*head, *table(by)]
         counts = {n: f"{FUSED}, {n}" for n in BASELINES}
         by_count = {n: ([r.alarms[k] for r in ends], [r.alarms[k] for r in sound]) for n, k in counts.items()}
