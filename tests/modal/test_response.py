@@ -73,14 +73,18 @@ def _timed(kind: str, times: np.ndarray) -> object:
         return xr.DataArray(samples, dims="time", coords={"time": times})
     if kind == "seconds":
         return pd.Series(samples, index=pd.Index(times, name="time"))
+    if kind == "dates":
+        return pd.Series(
+            samples, index=pd.Timestamp("2026-11-02", tz="UTC") + pd.to_timedelta(times, unit="s")
+        )
     return pd.Series(samples, index=pd.to_timedelta(times, unit="s"))
 
 
-@pytest.mark.parametrize("kind", ["xarray", "seconds", "durations"])
+@pytest.mark.parametrize("kind", ["xarray", "seconds", "durations", "dates"])
 def test_times_of_the_samples_must_be_those_of_the_rate(kind: str) -> None:
     times = np.arange(256) / 1000
     gap = times + 0.5 * (times > 0.1)
-    assert ballscrew.frf(_timed(kind, times), _timed(kind, times + 7), "1 kHz").count == 1
+    assert ballscrew.frf(_timed(kind, times + 7), _timed(kind, times + 7.0002), "1 kHz").count == 1
     with pytest.raises(InputError, match="the times of the input are those of 1000 Hz; 4000 Hz was stated"):
         ballscrew.frf(_timed(kind, times), _timed(kind, times), "4 kHz")
     for wrong in (gap, times[::-1], np.append(times[:-1], times[-2])):
@@ -88,6 +92,21 @@ def test_times_of_the_samples_must_be_those_of_the_rate(kind: str) -> None:
             ballscrew.frf(_timed(kind, times), _timed(kind, wrong), "1 kHz")
     with pytest.raises(InputError, match="signal 'torque' of arrays"):
         ballscrew.Recording.from_arrays(torque=_timed(kind, times), sample_rate=4000)
+
+
+@pytest.mark.parametrize("kind", ["xarray", "seconds", "durations", "dates"])
+def test_signals_must_begin_at_the_same_time(kind: str) -> None:
+    times = np.arange(256) / 1000
+    first, second = _timed(kind, times), _timed(kind, times + 0.25)
+    with pytest.raises(InputError, match=r"the output begins 0\.25 s after the input by their times"):
+        ballscrew.frf(first, second, "1 kHz")
+    with pytest.raises(InputError, match=r"the output begins 0\.25 s before the input by their times"):
+        ballscrew.resonances([first, second], [first, first], "1 kHz")
+    with pytest.raises(
+        InputError, match=r"signal 'position' of arrays begins 0\.25 s after the signal 'torque'"
+    ):
+        ballscrew.Recording.from_arrays(torque=first, position=second, sample_rate=1000)
+    assert ballscrew.frf(first, np.asarray(second), "1 kHz").count == 1
 
 
 def test_an_index_that_is_no_time_is_ignored() -> None:

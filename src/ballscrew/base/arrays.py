@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ Array = NDArray[np.float64]
 
 _RATE_ERROR = 0.01  # of a stated rate against the times of the samples
 _LONGEST_STEP = 1.5  # sample intervals; one lost sample makes two
+_MOST_OFFSET = 0.5  # sample intervals between the beginnings of two signals
 _TIMES = ("time", "t")  # names of an index of numbers that are times, s
 
 
@@ -68,19 +70,66 @@ def check_times(values: Any, rate: float, name: str) -> None:
         raise InputError(f"the times of the {name} have a gap or go back after {first:g} s.")
 
 
+def check_starts(signals: Mapping[str, Any], rate: float) -> None:
+    """Refuse signals that begin at different times by their own times.
+
+    Parameters
+    ----------
+    signals : mapping of str to array-like
+        Samples as for :func:`check_times`, by the name of the signal.
+    rate : float
+        Hz. Signals may begin half a sample apart.
+
+    Raises
+    ------
+    InputError
+        If one begins later than another.
+    """
+    starts: dict[str, tuple[str, Any]] = {}
+    for name, values in signals.items():
+        index = _index(values)
+        if index is None or not index.size:
+            continue
+        kind = index.dtype.kind
+        other, start = starts.setdefault(kind, (name, index[0]))
+        later = _seconds(index[:1] - start).item()
+        if abs(later) * rate > _MOST_OFFSET:
+            raise InputError(
+                f"the {name} begins {abs(later):g} s {'after' if later > 0 else 'before'} the {other} by "
+                "their times; give both from the same time on."
+            )
+
+
 def _times(values: Any) -> Array | None:
     """Times of samples by their index, s from the first; None without."""
+    index = _index(values)
+    if index is None:
+        return None
+    return _seconds(index - index[:1])
+
+
+def _seconds(differences: NDArray[Any]) -> Array:
+    """Differences of times, s."""
+    if differences.dtype.kind == "m":
+        differences = differences / np.timedelta64(1, "s")
+    return differences.astype(np.float64)
+
+
+def _index(values: Any) -> NDArray[Any] | None:
+    """Index of samples if it consists of times: dates, durations, or s; None without."""
     index, label, unit = None, "", ""
     if hasattr(values, "coords") and values.dims and values.dims[-1] in values.coords:
         label = values.dims[-1]
         coordinate = values.coords[label]
         index, unit = np.asarray(coordinate), str(coordinate.attrs.get("units", ""))
     elif hasattr(values, "iloc"):
-        label, index = values.index.name, np.asarray(values.index)
+        label, times = values.index.name, values.index
+        if getattr(times, "tz", None) is not None:
+            times = times.tz_convert(None)
+        index = np.asarray(times)
     if index is None:
         return None
-    if index.dtype.kind in "mM":
-        return np.asarray((index - index[:1]) / np.timedelta64(1, "s"), dtype=np.float64)
-    if index.dtype.kind == "f" and str(label).casefold() in _TIMES and unit in ("", "s"):
-        return np.asarray(index - index[:1], dtype=np.float64)
+    in_seconds = index.dtype.kind == "f" and str(label).casefold() in _TIMES and unit in ("", "s")
+    if index.dtype.kind in "mM" or in_seconds:
+        return index
     return None

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ballscrew.base.arrays import Array, check_times, real_samples
+from ballscrew.base.arrays import Array, check_starts, check_times, real_samples
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.result import PlottedResult
 from ballscrew.base.units import parse
@@ -186,20 +186,28 @@ def check_records(
             f"input and output must have the same number of samples in every record; they have {sizes} and "
             f"{others}."
         )
+    for row, other in zip(_separate(input), _separate(output), strict=False):
+        check_starts({"input": row, "output": other}, rate)
     return inputs, outputs
+
+
+def _separate(given: Records) -> Sequence[Any]:
+    """Records that are separate arrays; otherwise the array of all."""
+    if isinstance(given, list | tuple) and len(given) > 0 and np.ndim(given[0]) == 1:
+        return given
+    return [given]
 
 
 def _rows(name: str, given: Records, rate: float) -> list[Array]:
     """Records of a signal, in float64."""
-    several = isinstance(given, list | tuple) and len(given) > 0 and np.ndim(given[0]) == 1
-    separate = given if several else [given]
+    separate = _separate(given)
     for row in separate:
         check_times(row, rate, name)
     try:
         rows = [real_samples(row) for row in separate]
     except (TypeError, ValueError):
         raise InputError(f"the {name} must be numbers, of shape (samples,) or (records, samples).") from None
-    if not several and rows[0].ndim == 2:
+    if len(rows) == 1 and rows[0].ndim == 2:
         rows = list(rows[0])
     for row in rows:
         if row.ndim != 1 or row.size < _FEWEST_SAMPLES:

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ballscrew.base.arrays import Array, check_times, real_samples
+from ballscrew.base.arrays import Array, check_starts, check_times, real_samples
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import FileRef, digest
 from ballscrew.base.units import parse
@@ -116,6 +116,7 @@ class Recording:
         rate = parse(sample_rate, "Hz")
         for key, values in signals.items():
             check_times(values, rate, f"signal {key!r} of {name}")
+        check_starts({f"signal {key!r} of {name}": values for key, values in signals.items()}, rate)
         raw = {key: _samples(name, key, values) for key, values in signals.items()}
         stated = {key: _unit(values) for key, values in signals.items()} | dict(units or {})
         _check_names(name, raw, stated)
