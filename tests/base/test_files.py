@@ -9,8 +9,17 @@ import pytest
 
 from ballscrew.base import files
 from ballscrew.base.errors import InputError, printable
-from ballscrew.base.files import open_regular, read_whole, sweep, sync_folder, write_texts
-from ballscrew.base.jsonfile import read_json
+from ballscrew.base.files import (
+    check_folder,
+    move_file,
+    open_regular,
+    read_whole,
+    sweep,
+    sync_folder,
+    write_text,
+    write_texts,
+)
+from ballscrew.base.jsonfile import SCHEMA, read_json
 from ballscrew.base.provenance import hash_file
 from ballscrew.base.tomlfile import read_toml
 
@@ -154,3 +163,66 @@ def test_a_folder_is_made_durable_except_on_windows(tmp_path, monkeypatch):
         sync_folder(tmp_path / "none")
     monkeypatch.setattr(files, "os", SimpleNamespace(name="nt"))  # which can open none
     sync_folder(tmp_path / "none")
+
+
+def test_a_device_or_pipe_is_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for write in (lambda path: write_text(path, "x"), check_folder):
+        with pytest.raises(InputError, match="a pipe"):
+            write(tmp_path / "pipe")
+        with pytest.raises(InputError, match="a device"):
+            write(Path(os.devnull))
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe"]
+    assert not Path(os.devnull).is_file()
+
+
+def test_a_link_leads_to_the_file_that_is_written(tmp_path):
+    (tmp_path / "target").write_text("old", encoding="ascii")
+    (tmp_path / "link").symlink_to("target")
+    (tmp_path / "circle").symlink_to("circle")
+    write_text(tmp_path / "link", "new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "target").read_text(encoding="ascii") == "new"
+    with pytest.raises(InputError, match=r"circle"):
+        write_text(tmp_path / "circle", "x")
+
+
+def test_a_name_that_is_too_long_is_refused(tmp_path):
+    path = tmp_path / ("a" * 300)
+    for write in (lambda path: write_text(path, "x"), check_folder):
+        with pytest.raises(InputError, match="cannot be written \\(File name too long\\)"):
+            write(path)
+
+
+@pytest.mark.parametrize(("held", "moved"), [(3, True), (9, False)])
+def test_a_file_that_a_scanner_holds_is_moved_again_on_windows(tmp_path, monkeypatch, held, moved):
+    tried, pauses = [], []
+    replace = Path.replace
+
+    def hold(path, target):
+        tried.append(path)
+        if len(tried) <= held:
+            raise PermissionError(13, "Permission denied")
+        return replace(path, target)
+
+    (tmp_path / "a").write_text("x", encoding="ascii")
+    monkeypatch.setattr(Path, "replace", hold)
+    monkeypatch.setattr(files.time, "sleep", pauses.append)
+    with pytest.raises(PermissionError):
+        move_file(tmp_path / "a", tmp_path / "b")
+    tried.clear()
+    monkeypatch.setattr(files, "WINDOWS", True)
+    if moved:
+        move_file(tmp_path / "a", tmp_path / "b")
+        assert pauses == [0.05, 0.1, 0.2]
+    else:
+        with pytest.raises(PermissionError):
+            move_file(tmp_path / "a", tmp_path / "b")
+        assert sum(pauses) < 2
+    assert (tmp_path / "b").exists() == moved
+
+
+def test_text_as_powershell_redirects_it_is_read(tmp_path):
+    for encoding in ("utf-16", "utf-8-sig"):
+        (tmp_path / "a.json").write_bytes(f'{{"schema": {SCHEMA}, "name": "ü"}}'.encode(encoding))
+        assert read_json(tmp_path / "a.json")["name"] == "ü"

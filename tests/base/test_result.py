@@ -196,7 +196,7 @@ def test_a_table_is_no_other_file(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="cannot be written"):
         run_of(0.8).export(tmp_path / "none" / "a.csv")
     monkeypatch.setattr("ballscrew.base.result.find_spec", lambda _: None)
-    with pytest.raises(InputError, match=r"pip install 'ballscrew\[parquet\]'"):
+    with pytest.raises(InputError, match=r'pip install "ballscrew\[parquet\]"'):
         run_of(0.8).export(tmp_path / "a.parquet")
     assert not list(tmp_path.iterdir())
 

@@ -119,7 +119,7 @@ def test_every_error_names_file_field_given_and_allowed(tmp_path, text, read, me
 
 HOSTILE = {
     "not toml": b"screw lead 3",
-    "utf-16": "name = 'x'".encode("utf-16"),
+    "utf-16 without a mark": "name = 'x'".encode("utf-16-le"),
     "binary": bytes(range(256)),
     "nested": b"a=" + b"[" * 100_000,
     "many digits": b"a=" + b"9" * 100_000,
@@ -145,3 +145,9 @@ def test_a_path_that_cannot_be_read(tmp_path, name):
 def test_a_byte_order_mark_is_not_in_the_way(tmp_path):
     (tmp_path / "a.toml").write_text('name = "x"', encoding="utf-8-sig")
     assert read_toml(tmp_path / "a.toml").text("name") == "x"
+
+
+def test_a_path_of_windows_in_double_quotes_is_explained(tmp_path):
+    (tmp_path / "a.toml").write_text('axis = "C:\\Users\\x"\n', encoding="utf-8")
+    with pytest.raises(InputError, match=r"A path with \\ needs single quotes, or / in its place\."):
+        read_toml(tmp_path / "a.toml")

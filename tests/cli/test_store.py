@@ -295,7 +295,7 @@ def test_without_the_extra_there_is_a_sentence(monkeypatch: pytest.MonkeyPatch) 
         importlib.util, "find_spec", lambda name: None if name == "alembic" else find_spec(name)
     )
     monkeypatch.delitem(sys.modules, "ballscrew.store", raising=False)
-    with pytest.raises(InputError, match=r"python -m pip install 'ballscrew\[store\]'"):
+    with pytest.raises(InputError, match=r'python -m pip install "ballscrew\[store\]"'):
         importlib.import_module("ballscrew.store")
 
 

@@ -242,6 +242,25 @@ def test_a_file_that_is_open_on_windows_is_not_complete(
     assert "is in use" in str(error)
 
 
+def test_a_file_that_may_not_be_renamed_on_windows_is_complete(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a share that is read-only."""
+    touch(tmp_path, "X_1.h5")
+    watched = WatchedFolder(tmp_path, RunRule(pattern="{axis}_{run}.h5"), settle=0, timeout=0)
+
+    class AccessError(PermissionError):
+        winerror = 5
+
+    def refuse(*_: Path) -> None:
+        raise AccessError(13, "Access is denied")
+
+    monkeypatch.setattr("ballscrew.sending.watched.WINDOWS", True)
+    monkeypatch.setattr(Path, "rename", refuse)
+    ((_, run),) = watched.scan(0)
+    assert not isinstance(run, InputError)
+
+
 def test_hidden_files_are_no_recordings(tmp_path: Path) -> None:
     touch(tmp_path, ".X_1.h5", ".git/X_1.h5")
     watched = WatchedFolder(tmp_path, RunRule(pattern="{axis}_{run}.h5"), settle=0, timeout=0)

@@ -21,7 +21,9 @@ from tests.sending.conftest import Scene, StopError, write_run
 from tests.sending.fake_server import FakeServer, Fault, fake_server
 
 from ballscrew import InputError
+from ballscrew.base.files import move_file
 from ballscrew.sending import server as server_module
+from ballscrew.sending import spool
 from ballscrew.sending.outgoing import RunRule, existing_group, listed_files, run_of
 from ballscrew.sending.sender import SendHooks, SendResult, send, send_new
 from ballscrew.sending.settings import SendSettings, check_address, spool_folder
@@ -988,7 +990,7 @@ def test_a_run_that_cannot_be_read_is_named_once_and_does_not_stop_the_others(
 ) -> None:
     write_run(folder / "2")
     write_run(folder / "1").write_text("files = [")
-    (folder / "0.toml").write_bytes(b"\xff\xfe")
+    (folder / "0.toml").write_bytes(b"\xff")
     watch(folder, server, settings, scene)
     assert len(server.runs) == 1
     assert len(scene.sentences) == 2
@@ -1120,7 +1122,7 @@ def test_a_run_whose_files_are_gone_has_no_known_state(
     assert spool.known_state(run) == ""
 
 
-@pytest.mark.parametrize("function", ["fsync", "rename"])
+@pytest.mark.parametrize("function", ["fsync", "move_file"])
 def test_an_error_of_the_disk_leaves_no_half_of_a_run_in_the_spool(
     run_toml: Path, settings: SendSettings, server: FakeServer, monkeypatch: pytest.MonkeyPatch, function: str
 ) -> None:
@@ -1128,7 +1130,7 @@ def test_an_error_of_the_disk_leaves_no_half_of_a_run_in_the_spool(
         raise OSError(errno.EIO, "Input/output error")
 
     with monkeypatch.context() as patch:
-        patch.setattr(*{"fsync": (os, "fsync"), "rename": (Path, "rename")}[function], fail)
+        patch.setattr({"fsync": os, "move_file": spool}[function], function, fail)
         result = send([run_toml], server.address, settings=settings)
     assert result.failures[0].endswith("cannot be spooled (Input/output error).")
     assert settings.spool
@@ -1139,13 +1141,11 @@ def test_an_error_of_the_disk_leaves_no_half_of_a_run_in_the_spool(
 def test_a_run_that_another_process_spools_at_the_same_time_is_sent_once(
     send_files: Send, run_toml: Path, server: FakeServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rename = Path.rename
-
-    def come_second(path: Path, target: Path) -> Path:
+    def come_second(path: Path, target: Path) -> None:
         if target.parent.name == "queue" and not target.exists():
             shutil.copytree(path, target)
-        return rename(path, target)
+        move_file(path, target)
 
-    monkeypatch.setattr(Path, "rename", come_second)
+    monkeypatch.setattr(spool, "move_file", come_second)
     result = send_files(run_toml)
     assert (len(result.sent), result.failures, len(server.runs)) == (1, (), 1)

@@ -24,16 +24,37 @@ def real_samples(values: Any) -> Array:
     Raises
     ------
     TypeError
-        If they are complex or boolean: their conversion would lose what they mean.
+        If they are complex, boolean or times: their conversion would lose what they mean.
     ValueError
         If they are no numbers.
     """
+    values = _data(values)
+    if hasattr(values, "magnitude"):
+        values = values.magnitude  # of Pint, whose unit is that of `stated_unit`
     if np.ma.isMaskedArray(values):
         values = np.ma.filled(values.astype(np.float64), np.nan)
     samples = np.asarray(values)
-    if samples.dtype.kind in "bc":
+    if samples.dtype.kind in "bcmM":
         raise TypeError(f"samples are {samples.dtype}")
     return samples.astype(np.float64, copy=False)
+
+
+def stated_unit(values: Any) -> str:
+    """Unit that samples state, by Pint or the attribute *units* or *unit* of xarray and pandas; or empty."""
+    units = getattr(_data(values), "units", None)
+    if units is not None:
+        return str(units)
+    for name, value in getattr(values, "attrs", {}).items():
+        if str(name).casefold() in ("units", "unit"):
+            return str(value)
+    return ""
+
+
+def _data(values: Any) -> Any:
+    """Array in a DataArray of xarray; any other samples as they are."""
+    if hasattr(values, "coords") and hasattr(values, "data"):
+        return values.data
+    return values
 
 
 def check_times(values: Any, rate: float, name: str) -> None:
@@ -118,8 +139,9 @@ def _seconds(differences: NDArray[Any]) -> Array:
 def _index(values: Any) -> NDArray[Any] | None:
     """Index of samples if it consists of times: dates, durations, or s; None without."""
     index, label, unit = None, "", ""
-    if hasattr(values, "coords") and values.dims and values.dims[-1] in values.coords:
-        label = values.dims[-1]
+    dimensions = getattr(values, "dims", ())
+    if isinstance(dimensions, tuple) and dimensions and dimensions[-1] in values.coords:
+        label = dimensions[-1]
         coordinate = values.coords[label]
         index, unit = np.asarray(coordinate), str(coordinate.attrs.get("units", ""))
     elif hasattr(values, "iloc"):

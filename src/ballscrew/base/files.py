@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import glob
 import os
+import secrets
 import shutil
 import stat
-import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -23,6 +23,9 @@ def ignore_progress(done: int, total: int, name: str) -> None:
     """Report no progress."""
 
 
+WINDOWS = os.name == "nt"
+# Pauses in s before a file is moved again that another program holds, as a virus scanner does on Windows.
+_PAUSES = (0.05, 0.1, 0.2, 0.4, 0.8)
 _ABANDONED = 24 * 3600.0  # s; the longest command takes minutes
 
 
@@ -129,6 +132,18 @@ def read_whole(path: str | Path, most: int | None = None, *, links: bool = True)
     return content
 
 
+def decode(content: bytes) -> str:
+    """Text of a file in UTF-8, or in UTF-16 with a mark, as PowerShell writes what is redirected to a file.
+
+    Raises
+    ------
+    UnicodeDecodeError
+        If it is neither.
+    """
+    is_utf_16 = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+    return content.decode("utf-16" if is_utf_16 else "utf-8-sig")
+
+
 def sweep(folder: Path, pattern: str) -> None:
     """Remove temporary files and folders that a killed process left a day ago or more.
 
@@ -166,7 +181,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     Parameters
     ----------
     path : path-like
-        The file to write; replaced if it exists.
+        The file to write; replaced if it exists. Of a symbolic link, the file that it leads to.
 
     Yields
     ------
@@ -181,16 +196,16 @@ def replacing(path: str | Path) -> Iterator[Path]:
     path = Path(path)
     temporary = None
     try:
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder; give the name of a file.")
+        if path.is_symlink():
+            path = path.resolve()
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: is {_kind(path.stat().st_mode)}; give the name of a file.")
         sweep(path.parent, f".{glob.escape(path.stem[:40])}-????????{glob.escape(path.suffix)}")
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem[:40]}-", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-        temporary = Path(name)
+        temporary = _new_file(path)
         yield temporary
         _flush(temporary)
         _copy_mode(path, temporary)
-        temporary.replace(path)
+        move_file(temporary, path)
         sync_folder(path.parent)
     except OSError as error:
         reason = "there is no such folder, or it is read-only"
@@ -199,9 +214,14 @@ def replacing(path: str | Path) -> Iterator[Path]:
         raise InputError(f"{path}: cannot be written ({reason}).") from None
     except ValueError as error:  # a NUL in the path, or a character that the encoding lacks
         raise InputError(f"{str(path)!r}: cannot be written ({error}).") from None
+    except RuntimeError:  # of Python before 3.13
+        if not path.is_symlink():
+            raise
+        raise InputError(f"{path}: is a link that leads in a circle.") from None
     finally:
         if temporary is not None:
-            temporary.unlink(missing_ok=True)
+            with suppress(OSError):  # an earlier error is the one to report
+                temporary.unlink(missing_ok=True)
 
 
 def check_folder(path: Path) -> None:
@@ -212,10 +232,15 @@ def check_folder(path: Path) -> None:
     InputError
         If it is a folder, or its folder does not exist.
     """
-    if path.is_dir():
-        raise InputError(f"{path}: cannot be written: it is a folder; name a file in it.")
-    if not path.parent.is_dir():
-        raise InputError(f"{path}: cannot be written: make the folder {path.parent} first.")
+    try:
+        if path.is_dir():
+            raise InputError(f"{path}: cannot be written: it is a folder; name a file in it.")
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: cannot be written: make the folder {path.parent} first.")
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: cannot be written: it is {_kind(path.stat().st_mode)}.")
+    except OSError as error:  # of a name that is too long
+        raise InputError(f"{path}: cannot be written ({error.strerror or error}).") from None
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -255,6 +280,35 @@ def write_texts(files: Iterable[tuple[Path, Iterable[str]]]) -> None:
             temporary = complete.enter_context(replacing(path))
             with temporary.open("w", encoding="ascii", newline="\n") as stream:
                 stream.writelines(texts)
+
+
+def move_file(source: Path, target: Path) -> None:
+    """Move a file or folder to a place on the same disk, where it replaces a file.
+
+    On Windows it is moved again for two seconds if another program holds either of them.
+
+    Raises
+    ------
+    OSError
+        If it cannot be moved.
+    """
+    for pause in _PAUSES if WINDOWS else ():
+        try:
+            source.replace(target)
+        except PermissionError:
+            time.sleep(pause)
+        else:
+            return
+    source.replace(target)
+
+
+def _new_file(path: Path) -> Path:
+    """Empty file beside ``path``; tempfile would try without end in a folder that Windows protects."""
+    while True:
+        new = path.with_name(f".{path.stem[:40]}-{secrets.token_hex(4)}{path.suffix}")
+        with suppress(FileExistsError):
+            os.close(os.open(new, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600))
+            return new
 
 
 def _flush(path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import read_whole
+from ballscrew.base.files import decode, read_whole
 
 SCHEMA = 2
 """Version of the layout of all documents. Version 1 was never released, and nothing reads it."""
@@ -84,7 +84,7 @@ def read_json(path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     try:
-        text = read_whole(path, _LARGEST).decode("utf-8-sig")
+        text = decode(read_whole(path, _LARGEST))
         document = json.loads(text, parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not JSON ({error}).") from None

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import InputError, shown
+from ballscrew.base.units import conversion
 
 NORMAL_95 = 1.959963984540054
 """Half of a 95 % interval of a normal distribution, in standard deviations."""
@@ -35,9 +36,14 @@ class Quantity:
 
     def __post_init__(self) -> None:
         """Refuse a negative or missing uncertainty: a number without one is no measurement."""
-        if not (math.isfinite(self.value) and math.isfinite(self.standard_uncertainty)):
+        try:
+            finite = math.isfinite(self.value) and math.isfinite(self.standard_uncertainty)
+        except TypeError:  # a text
+            finite = False
+        if not finite:
             raise InputError(
-                f"a quantity must be finite: {self.value} ± {self.standard_uncertainty} {self.unit}"
+                "value and standard uncertainty of a quantity must be finite numbers; they are "
+                f"{shown(self.value)} and {shown(self.standard_uncertainty)}."
             )
         if self.standard_uncertainty < 0:
             raise InputError(f"a standard uncertainty cannot be negative: {self.standard_uncertainty}")
@@ -53,6 +59,32 @@ class Quantity:
             return self.interval95
         half = NORMAL_95 * self.standard_uncertainty
         return (self.value - half, self.value + half)
+
+    def to(self, unit: str) -> Quantity:
+        """Convert to another unit.
+
+        Parameters
+        ----------
+        unit : str
+            SI unit; a quantity without a unit is already in it.
+
+        Returns
+        -------
+        Quantity
+            The same quantity in ``unit``.
+
+        Raises
+        ------
+        InputError
+            If its unit is of another kind.
+        """
+        if self.unit in ("", unit):
+            return replace(self, unit=unit)
+        slope, offset = conversion(self.unit, unit)
+        interval = self.interval95
+        if interval is not None:
+            interval = (slope * interval[0] + offset, slope * interval[1] + offset)
+        return Quantity(slope * self.value + offset, slope * self.standard_uncertainty, unit, interval)
 
     def to_json(self) -> dict[str, Any]:
         """As the interfaces print it: value, standard_uncertainty, interval95."""

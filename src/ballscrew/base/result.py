@@ -112,7 +112,7 @@ def check_export(path: str | Path) -> None:
     if suffix not in (".csv", ".parquet"):
         raise InputError(f"{path}: a table is written to a file whose name ends with .csv or .parquet.")
     if suffix == ".parquet" and find_spec("pyarrow") is None:
-        raise InputError(f"{path}: Parquet needs pyarrow: pip install 'ballscrew[parquet]'.")
+        raise InputError(f'{path}: Parquet needs pyarrow: pip install "ballscrew[parquet]".')
 
 
 def export_table(table: pd.DataFrame, path: str | Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import datetime
 
 from ballscrew.base.errors import InputError, shown
 
@@ -43,3 +44,33 @@ def check_setting(
         return
     allowed = f"a number, {limits_in_words(least, above, most)}".removesuffix(", ")
     raise InputError(f"{name} is {shown(value)}; it must be {allowed}.")
+
+
+def timestamp(text: str | datetime, where: str) -> str:
+    """Check a time and return it in ISO 8601.
+
+    Parameters
+    ----------
+    text : str or datetime
+        ``"2026-01-31T08:00Z"``.
+    where : str
+        Its place, for the message.
+
+    Returns
+    -------
+    str
+        The same time, as written by :meth:`datetime.datetime.isoformat`.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    try:
+        if isinstance(text, datetime):
+            text = text.isoformat()
+        return datetime.fromisoformat(text).isoformat()
+    except (ValueError, TypeError):
+        raise InputError(
+            f"{where} is {shown(text)}; it must be a time in ISO 8601, such as 2026-01-31T08:00Z."
+        ) from None

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ballscrew.base.errors import InputError, field_error, shown
-from ballscrew.base.files import read_whole
+from ballscrew.base.files import decode, read_whole
 from ballscrew.base.settings import limits_in_words
 from ballscrew.base.units import parse
 
@@ -37,12 +37,15 @@ def read_toml(path: str | Path) -> Fields:
     """
     path = Path(path)
     try:
-        text = read_whole(path, _LARGEST).decode("utf-8-sig")
+        text = decode(read_whole(path, _LARGEST))
         return Fields(tomllib.loads(text), path.name)
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not a text file in UTF-8, so it is not TOML.") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is not TOML: {error}.") from None
+        remedy = ""
+        if "\\" in text:
+            remedy = " A path with \\ needs single quotes, or / in its place."
+        raise InputError(f"{path}: is not TOML: {error}.{remedy}") from None
     except RecursionError:
         raise InputError(f"{path}: is not TOML that can be read: it is nested too deeply.") from None
     except ValueError as error:  # a NUL in the path, a whole number of thousands of digits

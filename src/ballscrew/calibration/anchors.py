@@ -96,6 +96,8 @@ def known_preload(text: str) -> Quantity:
     InputError
         If it is not a force above 0 N, or its uncertainty not between 0 and the force.
     """
+    if not isinstance(text, str):
+        raise InputError(f"{shown(text)} is no force with its unit, such as '600 N'.")
     value, *spread = _PLUS_MINUS.split(text.strip(), maxsplit=1)
     force = parse(value, "N")
     if not 0 < force < math.inf:

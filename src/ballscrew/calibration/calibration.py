@@ -12,10 +12,11 @@ from ballscrew.axis.axial import PARAMETERS, from_vector
 from ballscrew.axis.axial_prior import BED, DISCREPANCY
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.sheet_file import read_axis
-from ballscrew.base.errors import MeasurementError
+from ballscrew.base.errors import InputError, MeasurementError
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.threads import single_threaded
+from ballscrew.calibration.anchors import known_preload
 from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, FORM, LOAD, Assumptions
 from ballscrew.calibration.bearing import bearing_share
 from ballscrew.calibration.calibrated_axis import Anchor, CalibratedAxis, CalibrationRun, Doubt
@@ -45,7 +46,7 @@ def calibrate(
     runs: Run | Sequence[Run | str | Path],
     sheet: DataSheet | str | Path,
     *,
-    known: Mapping[str, Quantity] = MappingProxyType({}),
+    known: Mapping[str, Quantity | str] = MappingProxyType({}),
     assumptions: Assumptions = DEFAULT_ASSUMPTIONS,
 ) -> CalibratedAxis:
     """Fit the axial model to the frequencies of several runs.
@@ -61,8 +62,8 @@ def calibrate(
         Of one axis, at several loads on the table where possible.
     sheet : DataSheet or path-like
         The axis, with its tolerances.
-    known : mapping of str to Quantity
-        Known preloads, N, by run id.
+    known : mapping of str to Quantity or str
+        Known preloads by run id, as quantities of a force or texts such as ``"600 N ± 10 N"``.
     assumptions : Assumptions
         Correlation of repeating errors from run to run; drift of the bearing, and correction for the test's
         load on a worn nut, between runs of several days or preloads; effect of the temperature, and error of
@@ -77,7 +78,7 @@ def calibrate(
     ------
     InputError
         If there is no run, one is given twice or belongs to another axis, a known preload belongs to no run,
-        or a position is not on the screw.
+        a known preload is no force, or a position is not on the screw.
     MeasurementError
         If no run has a frequency, or the fit does not converge.
     """
@@ -87,7 +88,19 @@ def calibrate(
     read = [Run.of(run) for run in given]
     if not isinstance(sheet, DataSheet):
         sheet = read_axis(sheet)
-    return solve_calibration(read, sheet, known, assumptions)[0]
+    preloads = {run: _known_force(value, run) for run, value in known.items()}
+    return solve_calibration(read, sheet, preloads, assumptions)[0]
+
+
+def _known_force(given: Quantity | str, run: str) -> Quantity:
+    """Known preload of a run, N."""
+    try:
+        if isinstance(given, Quantity):
+            return given.to("N")
+        return known_preload(given)
+    except InputError as error:
+        text = str(error).removesuffix(".")
+        raise InputError(f"the known preload of run {run[:12]}: {text}.") from None
 
 
 def axis_of_sheet(sheet: DataSheet, centre: float, load: float) -> CalibratedAxis:

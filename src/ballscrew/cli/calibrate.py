@@ -99,7 +99,10 @@ def _parse_known_preloads(
             )
         if run.id in known:
             raise InputError(f"--known-preload {text!r}: the preload of this run is given twice.")
-        known[run.id] = known_preload(value)
+        try:
+            known[run.id] = known_preload(value)
+        except InputError as error:
+            raise InputError(f"--known-preload: {error}") from None
     return known
 
 

@@ -112,15 +112,22 @@ def predict_accuracy(options: AccuracyOptions, test: PlannedTest) -> Prediction:
     return Prediction(optimised, capability)
 
 
+def _minutes(option: str, text: str) -> float:
+    """Minutes of an option, which must have a unit: a bare number would be seconds."""
+    if text.strip()[-1:].isdigit():
+        raise InputError(f"{option} is {text!r}; state its unit, such as '10 min'.")
+    return parse_option(option, text, "s") / 60
+
+
 def _optimise(options: AccuracyOptions, test: PlannedTest) -> Optimised:
     from ballscrew.fcft.optimise import ADJUST_MINUTES, CHANGE_MINUTES, optimise
 
     change = CHANGE_MINUTES
     if options.change is not None:
-        change = parse_option("--change", options.change, "s") / 60
+        change = _minutes("--change", options.change)
     adjust = ADJUST_MINUTES
     if options.adjust is not None:
-        adjust = parse_option("--adjust", options.adjust, "s") / 60
+        adjust = _minutes("--adjust", options.adjust)
     loads = preloads = None
     if options.loads is not None:
         loads = [parse_option("--loads", text, "kg") for text in options.loads.split(",")]

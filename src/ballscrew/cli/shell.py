@@ -123,6 +123,9 @@ def _output_status(error: OSError) -> int:
         where = error.filename or "the output"
         _complain(f"{where} cannot be written ({error.strerror}).")
         return WRONG_INPUT
+    if error.errno == errno.ENAMETOOLONG:
+        _complain(f"{error.filename}: the name is too long for a file.")
+        return WRONG_INPUT
     _complain(_report(error))
     return UNEXPECTED
 

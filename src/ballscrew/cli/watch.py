@@ -153,7 +153,7 @@ def _check_places(folder: Path, page: Path) -> None:
 
 
 def _run_files(folder: Path, failures: list[str]) -> list[Path]:
-    """RUN.toml files at any depth: those that name recordings and a channel map."""
+    """RUN.toml files at any depth: those that name recordings or a channel map."""
     found = []
     for path in sorted(folder.rglob("*.toml")):
         if any(part.startswith(".") for part in path.relative_to(folder).parts):
@@ -163,7 +163,7 @@ def _run_files(folder: Path, failures: list[str]) -> list[Path]:
         except InputError as error:
             failures.append(str(error))
             continue
-        if "files" in fields and "channels" in fields:
+        if "files" in fields or "channels" in fields:  # one alone is reported when the run is read
             found.append(path)
     return found
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError, shown
@@ -15,6 +18,7 @@ from ballscrew.base.units import parse
 from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import axis_of_sheet
+from ballscrew.calibration.modelfile import model_of
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.cell import CellResult
@@ -26,12 +30,13 @@ from ballscrew.recording.quality.finding import Quality
 Frequency = Quantity | NaturalFrequency
 
 _METHOD = "joint"  # if no run of the calibration states one; its frequencies are those of an unloaded nut too
+_HIGHEST = 5000.0  # Hz, far above the axial mode of any machine
 _CONDITION = "PA"  # of all cells; a cell has a condition, which has no effect here
 
 
 def preload_from_frequency(
     frequency: Frequency | Sequence[Frequency],
-    model: CalibratedAxis | DataSheet,
+    model: CalibratedAxis | DataSheet | str | Path,
     position: float | str | Sequence[float | str],
     load: float | str,
     *,
@@ -46,8 +51,8 @@ def preload_from_frequency(
     frequency : Quantity or NaturalFrequency, or sequence of these
         Undamped natural frequency with its standard uncertainty, Hz; motor free to turn, no outer force on
         the nut. Errors of several frequencies are independent of each other.
-    model : CalibratedAxis or DataSheet
-        Calibrated model of the axis, or its data sheet alone, which makes the result suspect.
+    model : CalibratedAxis, DataSheet or path-like
+        Calibrated model of the axis, also as a file, or its data sheet alone, which makes the result suspect.
     position : float or str, or sequence of these
         Position of the table for each frequency, m, or with a unit: ``"200 mm"``.
     load : float or str
@@ -80,7 +85,9 @@ def preload_from_frequency(
     check_setting("the load in kg", mass, least=0.0)
     if not positions:
         raise InputError("no position was given; each frequency needs that of the table.")
-    if isinstance(model, DataSheet):
+    if not isinstance(model, DataSheet):
+        model = model_of(model)
+    else:
         for each in positions:
             model.check_position(each)
         model = axis_of_sheet(model, (min(positions) + max(positions)) / 2, mass)
@@ -92,9 +99,9 @@ def preload_from_frequency(
 
 def _as_list(given: Any) -> list[Any]:
     """Members of a sequence or array, or the single value."""
-    if isinstance(given, Iterable) and not isinstance(given, str):
-        return [*given]
-    return [given]
+    if isinstance(given, str) or np.ndim(given) == 0:
+        return [given]
+    return [*given]
 
 
 def _run(frequencies: list[Any], positions: list[float], load: float, model: CalibratedAxis) -> Run:
@@ -138,15 +145,16 @@ def _cell(frequency: Any, position: float, motion: int, method: str) -> CellResu
     if isinstance(frequency, NaturalFrequency):
         reasons = frequency.reasons
         frequency = frequency.frequency
-    known = isinstance(frequency, Quantity) and frequency.unit in ("", "Hz")
-    if not known or not frequency.standard_uncertainty > 0:
+    if isinstance(frequency, Quantity):
+        frequency = frequency.to("Hz")
+    if not (isinstance(frequency, Quantity) and frequency.standard_uncertainty > 0):
         raise InputError(
             f"the frequency is {shown(frequency)}; it must be a Quantity in Hz with a standard uncertainty, "
             "or what natural_frequency returns."
         )
     verdict = "suspect" if reasons else "good"
     value, spread = frequency.value, frequency.standard_uncertainty
-    check_setting("the frequency in Hz", value, above=0.0)
+    check_setting("the frequency in Hz", value, above=0.0, most=_HIGHEST)
     cell = CellResult(
         position_m=position,
         condition=_CONDITION,

@@ -10,9 +10,9 @@ from datetime import datetime
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import digest
+from ballscrew.base.settings import timestamp
 from ballscrew.base.units import parse
 from ballscrew.fcft.plan import Plan
-from ballscrew.modal.job import timestamp
 from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.quality.completeness import check_load
 from ballscrew.recording.quality.finding import Finding, Quality

@@ -13,6 +13,7 @@ from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import open_regular
 from ballscrew.base.provenance import FileRef, digest
+from ballscrew.base.settings import timestamp
 from ballscrew.base.tomlfile import Fields, read_toml
 from ballscrew.base.units import parse
 from ballscrew.fcft.plan import Plan, read_plan
@@ -296,36 +297,6 @@ def _celsius(kelvin: float, where: str) -> float:
             'is in kelvin: state the unit, such as "21 degC".'
         )
     return celsius
-
-
-def timestamp(text: str | datetime, where: str) -> str:
-    """Check a time and return it in ISO 8601.
-
-    Parameters
-    ----------
-    text : str or datetime
-        ``"2026-01-31T08:00Z"``.
-    where : str
-        Its place, for the message.
-
-    Returns
-    -------
-    str
-        The same time, as written by :meth:`datetime.datetime.isoformat`.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
-    if isinstance(text, datetime):
-        return text.isoformat()
-    try:
-        return datetime.fromisoformat(text).isoformat()
-    except (ValueError, TypeError):
-        raise InputError(
-            f"{where} is {text!r}; it must be a time in ISO 8601, such as 2026-01-31T08:00Z."
-        ) from None
 
 
 def _time(fields: Fields) -> str | None:

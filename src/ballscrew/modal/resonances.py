@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import InputError, shown
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.result import PlottedResult, quantity_rows
 from ballscrew.base.threads import single_threaded
@@ -239,6 +239,8 @@ def resonances(
 
 def _integrations(quantities: tuple[str, str]) -> int:
     """Integrations from input to output."""
+    if not isinstance(quantities, tuple | list) or len(quantities) != 2:
+        raise InputError(f"quantities is {shown(quantities)}; it must be those of input and output.")
     for quantity in quantities:
         if quantity not in ORDERS:
             raise InputError(f"the quantity {quantity!r} is not one of {', '.join(ORDERS)}.")

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ballscrew.base.arrays import Array, check_starts, check_times, real_samples
+from ballscrew.base.arrays import Array, check_starts, check_times, real_samples, stated_unit
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.result import PlottedResult
 from ballscrew.base.units import parse
@@ -201,6 +201,9 @@ def _separate(given: Records) -> Sequence[Any]:
 def _rows(name: str, given: Records, rate: float) -> list[Array]:
     """Records of a signal, in float64."""
     separate = _separate(given)
+    units = sorted({stated_unit(row) for row in separate})
+    if len(units) > 1:
+        raise InputError(f"records of the {name} have different units: {', '.join(map(shown, units))}.")
     for row in separate:
         check_times(row, rate, name)
     try:

@@ -18,6 +18,7 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
+from ballscrew.base.files import decode, read_whole
 from ballscrew.base.words import plural
 from ballscrew.monitoring.epochs import moment
 
@@ -27,6 +28,7 @@ COUNTERS = ("revolutions", "hours")
 _RECENT = 30.0  # days whose mean continues: a month has every shift
 _GAP = 7.0  # days without a reading before the first run and after the last: a reading a week
 _DAY = 86_400.0  # s
+_LARGEST = 50_000_000  # bytes of a file
 _MOST_ROWS = 100_000  # 270 years of days; a recording given by mistake has more
 _Rows = list[tuple[int, dict[str, str]]]
 _MOST_HOURS = 24.0 * (1 + 1e-9)
@@ -174,11 +176,12 @@ def read_duty(path: str | Path) -> DutyRecord:
 
 def _lines(path: str | Path, source: str) -> list[str]:
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        text = decode(read_whole(path, _LARGEST))
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not text in UTF-8; a duty is a CSV file.") from None
-    except OSError:
-        raise InputError(f"{path}: cannot be read; a duty is a CSV file or a travel per day.") from None
+    except InputError as error:
+        text = str(error).removesuffix(".")
+        raise InputError(f"{text}; a duty is a CSV file or a travel per day.") from None
     lines = text.splitlines()
     if len(lines) > _MOST_ROWS:
         raise InputError(f"{source}: has {len(lines)} lines; a duty has {_MOST_ROWS} or fewer.")

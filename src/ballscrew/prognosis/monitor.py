@@ -21,7 +21,7 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.checkpoint import Checkpoint, make_checkpoint
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
-from ballscrew.monitoring.epochs import Event, moment
+from ballscrew.monitoring.epochs import Event, moment, read_events
 from ballscrew.monitoring.health import health_of
 from ballscrew.monitoring.history import read_history
 from ballscrew.monitoring.reading import Reading
@@ -118,10 +118,10 @@ class Monitored(PlottedResult):
 
 @single_threaded
 def monitor(
-    runs: Iterable[Run | str | Path],
+    runs: Run | str | Path | Iterable[Run | str | Path],
     model: CalibratedAxis | str | Path,
     *,
-    events: Sequence[Event] = (),
+    events: Sequence[Event] | str | Path = (),
     settings: MonitorSettings | None = None,
     failure: Failure | None = None,
     largest_load: float | None = None,
@@ -134,12 +134,12 @@ def monitor(
 
     Parameters
     ----------
-    runs : iterable of Run or path-like
+    runs : Run or path-like, or iterable of these
         Runs of one axis by one plan and method, each with its time; in any order.
     model : CalibratedAxis or path-like
         Calibrated model of the axis, see :func:`ballscrew.calibrate`.
-    events : sequence of Event
-        Events on the axis, see :func:`~ballscrew.monitoring.epochs.read_events`.
+    events : sequence of Event or path-like
+        Events on the axis, or their file, see :func:`~ballscrew.monitoring.epochs.read_events`.
     settings : MonitorSettings, optional
         Rate of false alarms, and priors of the detection.
     failure : Failure, optional
@@ -182,13 +182,14 @@ def monitor(
     """
     settings, model = settings or MonitorSettings(), model_of(model)
     model.check_accepted(accept)
+    known_events = read_events(events) if isinstance(events, str | Path) else events
     known = None
     if checkpoint is not None:
-        checkpoint.check(model, settings, events)
+        checkpoint.check(model, settings, known_events)
         known = checkpoint.history
-    past = read_history([Run.of(run) for run in runs], model, events, settings, known)
-    state = health_of(past, model, events, settings, accept)
-    after = make_checkpoint(past, model, settings, events)
+    past = read_history(_listed(runs), model, known_events, settings, known)
+    state = health_of(past, model, known_events, settings, accept)
+    after = make_checkpoint(past, model, settings, known_events)
     history = epoch_history(state, model)
     end = end_of_life(past.epochs[-1].reference, model, failure, largest_load)
     if history is None or state.stiffer:
@@ -203,6 +204,13 @@ def monitor(
     forecast = (life or _family_average(counters, state)).forecast(history, end)
     prognosis = prognosis_of(forecast, history, duty=travel, counters=counters, made=state.made)
     return Monitored(state, prognosis, after)
+
+
+def _listed(runs: Run | str | Path | Iterable[Run | str | Path]) -> list[Run]:
+    """Runs that were given as such or as files."""
+    if isinstance(runs, Run | str | Path):
+        return [Run.of(runs)]
+    return [Run.of(run) for run in runs]
 
 
 def _title(state: HealthState) -> str:

@@ -239,6 +239,14 @@ def check_sources(path: Path, header: Header, channels: ChannelMap) -> None:
         )
 
 
+def _differ(unit: str, other: str, quantity: str) -> bool:
+    """Whether two units of a quantity are different ones; an unknown one is not compared."""
+    try:
+        return to_si(unit, quantity) != to_si(other, quantity)
+    except InputError:
+        return False
+
+
 def _check_values(path: Path, source: str, values: Any) -> None:
     if not isinstance(values, np.ndarray) or values.ndim != 1 or values.dtype.kind != "f":
         raise InputError(f"{path}: the reader gave no row of numbers for the channel {source!r}.")
@@ -350,6 +358,12 @@ def _unit_notes(file: _File) -> list[str]:
     notes = []
     for channel in file.map.channels:
         stated = channel.unit or channel.derive or file.listed[channel.source].unit
+        in_file = file.listed[channel.source].unit
+        if channel.unit and in_file and _differ(channel.unit, in_file, channel.quantity):
+            notes.append(
+                f"{channel.source}: the channel map has the unit {channel.unit}, the file {in_file}; that of "
+                "the map is used."
+            )
         if not stated and channel.quantity != "time":
             notes.append(f"{channel.source}: no unit is given, so {SI_UNITS[channel.quantity]} is assumed.")
     return notes

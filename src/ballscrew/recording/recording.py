@@ -6,6 +6,7 @@ import hashlib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
+from datetime import datetime
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -14,9 +15,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ballscrew.base.arrays import Array, check_starts, check_times, real_samples
-from ballscrew.base.errors import InputError
+from ballscrew.base.arrays import Array, check_starts, check_times, real_samples, stated_unit
+from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import FileRef, digest
+from ballscrew.base.settings import timestamp
 from ballscrew.base.units import parse
 from ballscrew.recording.channels import ChannelMap, read_channels
 from ballscrew.recording.convert import Converted, convert
@@ -68,7 +70,7 @@ class Recording:
         units: Mapping[str, str] | None = None,
         channels: str | Path | ChannelMap | None = None,
         name: str = "arrays",
-        started_at: str | None = None,
+        started_at: str | datetime | None = None,
         **signals: Any,
     ) -> Recording:
         """Make a recording of arrays; it is accepted wherever a file is.
@@ -79,14 +81,14 @@ class Recording:
             Of all signals, Hz, or with a unit: ``"12.8 kHz"``.
         units : mapping of str to str, optional
             Unit of each signal, ``{"position": "mm"}``; by default its attribute ``units``, as xarray has it,
-            or else SI.
+            or the unit of Pint, or else SI.
         channels : path-like or ChannelMap, optional
             Meaning of the signals, if their names are those of a channel map. By default each is named as its
             quantity: torque, force, current, position, acceleration (along the screw; without one it is
             derived from the position), temperature; ``acceleration_2`` and so on for more of them.
         name : str
             For messages, different for each recording of a run.
-        started_at : str, optional
+        started_at : str or datetime, optional
             ISO 8601.
         **signals : array-like, shape (samples,)
             Samples of each channel; a pandas table is given as ``**table``.
@@ -118,7 +120,7 @@ class Recording:
             check_times(values, rate, f"signal {key!r} of {name}")
         check_starts({f"signal {key!r} of {name}": values for key, values in signals.items()}, rate)
         raw = {key: _samples(name, key, values) for key, values in signals.items()}
-        stated = {key: _unit(values) for key, values in signals.items()} | dict(units or {})
+        stated = _units(signals, units)
         _check_names(name, raw, stated)
         if isinstance(channels, str | Path):
             channels = read_channels(channels)
@@ -127,7 +129,7 @@ class Recording:
         listed = tuple(RawChannel(key, values.size, stated[key] or None) for key, values in raw.items())
         converted = convert(Path(name), Header(listed, rate), channels, raw)
         content = _hash(raw, {"units": stated, "sample_rate": rate})
-        return make_recording(converted, FileRef(name, content), "arrays", started_at)
+        return make_recording(converted, FileRef(name, content), "arrays", _start(started_at))
 
     def __repr__(self) -> str:
         """File, rate and channels in a few lines."""
@@ -173,9 +175,32 @@ class Recording:
 
 
 def make_recording(converted: Converted, file: FileRef, reader: str, started_at: str | None) -> Recording:
-    """Recording of converted channels, with where they are from."""
+    """Recording of converted channels, with where they are from; a start that is no time is left out."""
     values = {each.name: getattr(converted, each.name) for each in fields(converted)}
+    if started_at is not None:
+        try:
+            timestamp(started_at, "started_at")
+        except InputError:
+            note = f"the start {shown(started_at)} is no time in ISO 8601, and is ignored."
+            values["notes"] = (*values["notes"], note)
+            started_at = None
     return Recording(file=file, reader=reader, started_at=started_at, **values)
+
+
+def _start(given: str | datetime | None) -> str | None:
+    """Start of a recording in ISO 8601, checked."""
+    if given is None:
+        return None
+    checked = timestamp(given, "started_at")
+    return given if isinstance(given, str) else checked
+
+
+def _units(signals: Mapping[str, Any], units: Mapping[str, str] | None) -> dict[str, str]:
+    """Unit of each signal: as given, or as its samples state it."""
+    if not isinstance(units, Mapping | None):
+        raise InputError(f"units is {shown(units)}; it must be a mapping of signals to their units.")
+    stated = {key: stated_unit(values) for key, values in signals.items()}
+    return stated | {key: str(unit) for key, unit in (units or {}).items()}
 
 
 def _samples(name: str, signal: str, values: Any) -> Array:
@@ -196,11 +221,6 @@ def _check_names(name: str, raw: Mapping[str, Array], stated: Mapping[str, str])
     for key in stated:
         if key not in raw:
             raise InputError(f"{name}: units names {key!r}, which is none of its signals {', '.join(raw)}.")
-
-
-def _unit(values: Any) -> str:
-    """Unit of a signal, as the attribute ``units`` of xarray and pandas states it."""
-    return str(getattr(values, "attrs", {}).get("units", ""))
 
 
 def _rows(signals: Iterable[str]) -> list[dict[str, str]]:

@@ -17,6 +17,7 @@ from ballscrew.modal.job import read_run
 _FIELDS = ("axis", "run", "trip")
 _LARGEST = 1 << 20  # bytes of a RUN.toml
 _DOCUMENTS = (".toml", ".json")
+_BY_WINDOWS = ("thumbs.db", "desktop.ini")  # files that Windows puts into folders
 
 
 @dataclass(frozen=True)
@@ -189,7 +190,8 @@ def _folder_group(folder: Path, rule: RunRule) -> RunGroup:
 
 
 def _is_recording(path: Path) -> bool:
-    return path.suffix.lower() not in _DOCUMENTS and path.is_file()
+    is_other = path.suffix.lower() in _DOCUMENTS or path.name.lower() in _BY_WINDOWS
+    return not is_other and path.is_file()
 
 
 def is_run_file(path: Path) -> bool:

@@ -116,7 +116,7 @@ class Server:
             import httpx
         except ImportError:
             raise InputError(
-                "send needs httpx; install it by python -m pip install 'ballscrew[send]'."
+                'send needs httpx; install it by python -m pip install "ballscrew[send]".'
             ) from None
         self.address = address
         self._token = token

@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import open_regular, sweep, sync_folder, write_text
+from ballscrew.base.files import move_file, open_regular, sweep, sync_folder, write_text
 from ballscrew.base.locks import try_lock, unlock
 from ballscrew.sending.outgoing import OutgoingRun
 from ballscrew.sending.spooled import SpooledRun, Version, copy_run, identify, now, read_manifest, version_of
@@ -174,7 +174,7 @@ class Spool:
 
     def _move_into_queue(self, incoming: Path, run: SpooledRun) -> None:
         try:
-            incoming.rename(run.folder)
+            move_file(incoming, run.folder)
         except OSError:
             if not run.folder.exists():
                 raise  # else another process has spooled the same
@@ -184,7 +184,7 @@ class Spool:
         """Remove a folder in one step: it is never there in part."""
         if folder.exists():
             trash = Path(tempfile.mkdtemp(prefix=_INCOMING, dir=self.queue))
-            folder.rename(trash / folder.name)
+            move_file(folder, trash / folder.name)
             shutil.rmtree(trash, ignore_errors=True)
 
     @contextmanager
@@ -253,7 +253,7 @@ class Spool:
         target = self.rejected / folder.name
         write_text(folder / "answer.txt", answer + "\n")
         self._discard(target)
-        folder.rename(target)
+        move_file(folder, target)
         sync_folder(self.rejected)
         sync_folder(self.queue)
         return target

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import open_regular, sync_folder
+from ballscrew.base.files import move_file, open_regular, sync_folder
 from ballscrew.base.provenance import digest
 from ballscrew.sending.outgoing import OutgoingRun
 
@@ -165,7 +165,7 @@ def _copy_file(path: Path, name: str, folder: Path, *, links: bool) -> SpooledFi
             sha256, size = _copy_blocks(stream, target)
             target.flush()
             os.fsync(target.fileno())
-    temporary.replace(folder / sha256)
+    move_file(temporary, folder / sha256)
     return SpooledFile(name, sha256, size)
 
 

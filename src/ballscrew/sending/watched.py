@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import open_regular
+from ballscrew.base.files import WINDOWS, open_regular
 from ballscrew.sending.outgoing import (
     OutgoingRun,
     RunGroup,
@@ -21,7 +20,7 @@ from ballscrew.sending.outgoing import (
     visible_files,
 )
 
-WINDOWS = os.name == "nt"
+_ACCESS_DENIED = 5
 
 
 @dataclass
@@ -103,6 +102,8 @@ class WatchedFolder:
             try:
                 path.rename(path)
             except OSError as error:
+                if getattr(error, "winerror", None) == _ACCESS_DENIED:  # no right to rename: a shared folder
+                    return
                 raise InputError(f"{path}: is in use ({error.strerror or error}).") from None
 
     def _groups(self, now: float) -> list[RunGroup]:

@@ -22,6 +22,7 @@ from fastapi import Depends, Request
 from fastapi.responses import JSONResponse
 
 from ballscrew.base.errors import BallscrewError, InputError
+from ballscrew.base.files import move_file
 from ballscrew.service.serving import FULL, TOO_MANY, UNAVAILABLE, RefusedError, Service
 
 _log = logging.getLogger("ballscrew.service")
@@ -85,7 +86,7 @@ def compute(task: FileTask, target: Path) -> TaskFailure | None:
         task.write(folder)
         if target.exists():  # what is left of a result
             _remove(target)
-        folder.rename(target)
+        move_file(folder, target)
     except BallscrewError as error:
         return TaskFailure(str(error), lasts=True)
     except Exception as error:  # noqa: BLE001  of whatever kind, the process goes on

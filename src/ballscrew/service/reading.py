@@ -231,7 +231,7 @@ def show_history(
     if format == "csv":
         return _csv(_COLUMNS, rows)
     if find_spec("pyarrow") is None:
-        raise InputError("Parquet needs pyarrow on the server: python -m pip install 'ballscrew[parquet]'.")
+        raise InputError('Parquet needs pyarrow on the server: python -m pip install "ballscrew[parquet]".')
     import pandas as pd
 
     content = io.BytesIO()

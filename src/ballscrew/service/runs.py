@@ -17,7 +17,8 @@ from sqlalchemy.orm import Session
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import read_json
 from ballscrew.base.provenance import digest
-from ballscrew.modal.job import Job, RunFile, read_run, timestamp
+from ballscrew.base.settings import timestamp
+from ballscrew.modal.job import Job, RunFile, read_run
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.epochs import moment
 from ballscrew.service.access import Caller, RunningService, SendingCaller, find_sent_axis

@@ -7,5 +7,5 @@ from ballscrew.base.errors import InputError
 if any(find_spec(name) is None for name in ("sqlalchemy", "alembic", "zstandard")):
     raise InputError(
         "the store needs SQLAlchemy, Alembic and zstandard; install them by "
-        "python -m pip install 'ballscrew[store]'."
+        'python -m pip install "ballscrew[store]".'
     )

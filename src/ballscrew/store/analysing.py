@@ -214,7 +214,7 @@ def _cluster(address: str) -> Iterator[_Workers]:
         from distributed import Client, Security
         from distributed.scheduler import KilledWorker
     except ImportError:
-        raise InputError("--scheduler needs Dask: python -m pip install 'ballscrew[cluster]'.") from None
+        raise InputError('--scheduler needs Dask: python -m pip install "ballscrew[cluster]".') from None
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # its errors are sentences here
     try:
         security: Any = Security()  # type: ignore[no-untyped-call]

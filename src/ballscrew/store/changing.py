@@ -133,7 +133,7 @@ def _document(session: Session, run: Run, kind: str, read: Callable[[Path], Any]
         raise InputError(f"the store does not have the {what} of the run; add it with its RUN.toml.")
     with tempfile.TemporaryDirectory(prefix="ballscrew-") as folder:
         path = Path(folder) / f"{kind}.toml"
-        path.write_text(row.text, encoding="utf-8")
+        path.write_text(row.text, encoding="utf-8", newline="")
         return read(path)
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
+import secrets
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
@@ -14,7 +14,7 @@ from sqlalchemy import Connection, create_engine, insert, select, text
 from sqlalchemy.orm import Session
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import sync_folder, write_text
+from ballscrew.base.files import move_file, sync_folder, write_text
 from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.provenance import digest
 from ballscrew.store.checking import verify
@@ -83,14 +83,17 @@ def _new_folder(final: Path) -> Iterator[Path]:
         raise InputError(f"{final}: exists; give a new folder.")
     temporary = None
     try:
-        temporary = Path(tempfile.mkdtemp(prefix=f".{final.name[:40]}-", dir=final.parent))
+        # Folders of tempfile stay closed to other users on Windows.
+        new = final.with_name(f".{final.name[:40]}-{secrets.token_hex(4)}")
+        new.mkdir()
+        temporary = new
         yield temporary
         for path in sorted(temporary.rglob("*")):
             if path.is_dir():
                 sync_folder(path)
         sync_folder(temporary)
         temporary.chmod(0o755)
-        temporary.rename(final)
+        move_file(temporary, final)
         sync_folder(final.parent)
     except OSError as error:
         raise InputError(f"{final}: cannot be written ({error.strerror or error}).") from None

@@ -88,7 +88,7 @@ def make_engine(url: str, *, writing: bool, pooled: bool = False) -> Engine:
     except (ArgumentError, NoSuchModuleError):
         raise InputError("the database is no URL such as postgresql://user@host/name.") from None
     except ModuleNotFoundError:
-        raise InputError("PostgreSQL needs pg8000: python -m pip install 'ballscrew[postgresql]'.") from None
+        raise InputError('PostgreSQL needs pg8000: python -m pip install "ballscrew[postgresql]".') from None
     if writing:
 
         @event.listens_for(engine, "begin")

@@ -15,7 +15,7 @@ from typing import BinaryIO
 import zstandard
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import open_regular, sync_folder
+from ballscrew.base.files import move_file, open_regular, sync_folder
 
 _BLOCK = 1 << 20
 _SAMPLE = 1 << 16  # bytes of a file that are compressed to see whether it pays
@@ -98,7 +98,7 @@ def put_file(folder: Path, source: Path, sha256: str) -> StoredFile:
             final.parent.mkdir(exist_ok=True)
             sync_folder(folder)
         stored_size = Path(name).stat().st_size
-        Path(name).replace(final)
+        move_file(Path(name), final)
         sync_folder(final.parent)
     except OSError as error:
         raise InputError(f"{source}: cannot be stored ({error.strerror or error}).") from error
@@ -160,7 +160,7 @@ def clone_file(source: Path, folder: Path, sha256: str, compression: str) -> Non
                 os.fsync(target.fileno())
         if hash_of(Path(name), compression) != sha256:
             raise InputError(f"{source}: the content is not that of its hash: it is damaged.")
-        Path(name).replace(final)
+        move_file(Path(name), final)
         sync_folder(final.parent)
         sync_folder(folder)
     except OSError as error:
@@ -290,7 +290,7 @@ def text_files(texts: Mapping[str, str | None]) -> Iterator[dict[str, Path]]:
             for kind, text in texts.items():
                 if text is not None:
                     paths[kind] = Path(folder) / f"{kind}.toml"
-                    paths[kind].write_text(text, encoding="utf-8")
+                    paths[kind].write_text(text, encoding="utf-8", newline="")
             yield paths
         except UnicodeEncodeError:
             raise InputError("a text is not valid Unicode.") from None

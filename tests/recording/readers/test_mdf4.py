@@ -213,7 +213,7 @@ def test_a_channel_that_is_not_there(path: Path) -> None:
 def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MDF", None)
     (tmp_path / "a.mf4").write_bytes(damaged("nothing"))
-    with pytest.raises(InputError, match=r"asammdf reads: pip install 'ballscrew\[mdf4\]'"):
+    with pytest.raises(InputError, match=r'asammdf reads: pip install "ballscrew\[mdf4\]"'):
         READER.read_header(tmp_path / "a.mf4")
 
 

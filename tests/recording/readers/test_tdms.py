@@ -109,7 +109,7 @@ def test_a_channel_that_is_not_there(path: Path) -> None:
 def test_without_the_library(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "TdmsFile", None)
     (tmp_path / "a.tdms").write_bytes(WHOLE)
-    with pytest.raises(InputError, match=r"npTDMS reads: pip install 'ballscrew\[tdms\]'"):
+    with pytest.raises(InputError, match=r'npTDMS reads: pip install "ballscrew\[tdms\]"'):
         READER.read_header(tmp_path / "a.tdms")
 
 

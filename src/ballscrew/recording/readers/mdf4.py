@@ -119,7 +119,7 @@ def _in_memory() -> Iterator[None]:
 def _opened(path: Path) -> Iterator[_OpenMdf]:
     """Groups with samples, and their channels of numbers by name, while the file is open."""
     if MDF is None:
-        raise InputError(f"{path}: is an MDF file, which asammdf reads: pip install 'ballscrew[mdf4]'.")
+        raise InputError(f'{path}: is an MDF file, which asammdf reads: pip install "ballscrew[mdf4]".')
     with path.open("rb") as stream, _in_memory():
         if stream.read(len(_UNFINISHED)) == _UNFINISHED:
             raise ValueError("it was not finalised; open and save it in the program that wrote it")

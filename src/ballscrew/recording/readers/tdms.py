@@ -78,7 +78,7 @@ class TdmsReader:
 def _opened(path: Path) -> Iterator[dict[str, Any]]:
     """Channels of numbers and of time stamps, by their names, while the file is open."""
     if TdmsFile is None:
-        raise InputError(f"{path}: is a TDMS file, which npTDMS reads: pip install 'ballscrew[tdms]'.")
+        raise InputError(f'{path}: is a TDMS file, which npTDMS reads: pip install "ballscrew[tdms]".')
     with path.open("rb") as stream:
         _check_segments(stream, path.stat().st_size)
         stream.seek(0)
