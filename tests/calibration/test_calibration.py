@@ -570,6 +570,18 @@ def test_known_preloads_that_cannot_be_are_refused(text: str) -> None:
         known_preload(text)
 
 
+def test_units_of_a_known_preload_are_converted(experiment, sheet: DataSheet) -> None:
+    runs = experiment()
+    expected = calibrate(runs, sheet, known={runs[0].id: Quantity(600.0, 12.0, "N")})
+    for given in (Quantity(0.6, 0.012, "kN"), "600 N ± 12 N"):
+        found = calibrate(runs, sheet, known={runs[0].id: given})
+        assert found.model == expected.model
+        assert found.anchors == expected.anchors
+    for wrong in (Quantity(600.0, 12.0, "mm"), 600.0, "600 kg"):
+        with pytest.raises(InputError, match=f"the known preload of run {runs[0].id[:12]}"):
+            calibrate(runs, sheet, known={runs[0].id: wrong})  # type: ignore[dict-item]
+
+
 def test_what_does_not_belong_together_is_refused(experiment, sheet: DataSheet) -> None:
     runs = experiment()
     with pytest.raises(InputError, match="given twice"):

@@ -112,6 +112,7 @@ def test_a_calibrated_model_is_taken(say, folder):
         (("--optimize", "--loads", "-5 kg"), "-5 kg"),
         (("--optimize", "--change", "1 kg"), "--change is '1 kg'"),
         (("--optimize", "--change", "-1 min"), "-1 minutes"),
+        (("--optimize", "--change", "10"), "--change is '10'; state its unit, such as '10 min'"),
         (("--optimize", "--out", "plan.toml"), "plan.toml: is an input"),
         (("--optimize", "--out", "a.nc", "--gcode", "a.nc"), "same name"),
         (("--optimize", "--out", "no/b.toml"), "b.toml: cannot be written"),

@@ -113,11 +113,15 @@ def test_a_run_that_cannot_be_used_is_named_and_the_others_are_monitored(folder:
     add_run(folder, "day-03", more="# no time\n")
     broken = folder / "broken.toml"
     broken.write_text("files = [", encoding="utf-8")
+    (folder / "misspelled.toml").write_text(
+        'files = ["a.csv"]\nchanels = "channels.toml"\n', encoding="utf-8"
+    )
     found = watched(folder)
     assert len(found.monitored.state.runs) == 3
     text = "\n".join(found.failures)
     assert "run.toml: has no time; add measured_at" in text
     assert "broken.toml: is not TOML" in text
+    assert "misspelled" in text
     copy = folder / "day-02 copy"
     copy.mkdir()
     for name in ("run.toml", "run.json", "trip.csv"):

@@ -84,7 +84,7 @@ def test_a_data_sheet_alone_is_suspect_and_wide_and_a_change_by_it_is_not_wide()
     [
         ({"frequency": 150.0}, r"the frequency is 150.0; it must be a Quantity in Hz"),
         ({"frequency": Quantity(150.0, 0.0)}, "it must be a Quantity in Hz with a standard uncertainty"),
-        ({"frequency": Quantity(0.15, 0.01, "kHz")}, "it must be a Quantity in Hz"),
+        ({"frequency": Quantity(0.15, 0.01, "kg")}, "the unit 'kg' is not one that can be turned into Hz"),
         ({"frequency": Quantity(-1.0, 1.0)}, "the frequency in Hz is -1"),
         ({"frequency": [Quantity(150.0, 1.0)] * 2}, "each frequency needs a position; 2 and 1 were given"),
         ({"position": "225"}, "the model: the position is 225 m"),
@@ -98,3 +98,14 @@ def test_what_is_wrong_is_refused_in_a_sentence(changes, message):
     given = {"frequency": Quantity(150.0, 0.1), "model": model, "position": 0.1, "load": LOAD} | changes
     with pytest.raises(InputError, match=message):
         preload_from_frequency(**given)
+
+
+def test_other_units_of_a_frequency_are_converted():
+    in_hz, in_khz = (
+        preload_from_frequency(f, calibrated(), 0.225, LOAD)
+        for f in (Quantity(150.0, 0.1, "Hz"), Quantity(0.15, 1e-4, "kHz"))
+    )
+    assert in_khz.to_json() == in_hz.to_json()
+    for wrong in (Quantity(150.0, 0.1, "mm"), Quantity(1e6, 1.0, "Hz")):
+        with pytest.raises(InputError, match="Hz"):
+            preload_from_frequency(wrong, calibrated(), 0.225, LOAD)

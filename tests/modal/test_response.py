@@ -115,3 +115,11 @@ def test_an_index_that_is_no_time_is_ignored() -> None:
     in_ms = xr.DataArray(samples, dims="time", coords={"time": ("time", np.arange(256.0), {"units": "ms"})})
     for u in (numbered, in_ms, pd.Series(samples), pd.Series(samples, index=np.arange(256.0))):
         assert ballscrew.frf(u, samples, "1 kHz").count == 1
+
+
+def test_records_of_one_signal_have_one_unit():
+    samples = np.random.default_rng(0).normal(size=256)
+    in_n, in_mn = (xr.DataArray(samples, dims="time", attrs={"units": unit}) for unit in ("N", "mN"))
+    assert ballscrew.frf([in_n, in_n], [in_mn, in_mn], "1 kHz").count == 2
+    with pytest.raises(InputError, match="records of the input have different units: 'N', 'mN'"):
+        ballscrew.frf([in_n, in_mn], [in_n, in_n], "1 kHz")

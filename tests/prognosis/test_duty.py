@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -161,3 +162,9 @@ def test_a_field_that_no_table_has_is_one_sentence(tmp_path):
     ) as error:
         read_duty(file)
     assert "\n" not in str(error.value)
+
+
+def test_a_pipe_is_no_duty(tmp_path):
+    os.mkfifo(tmp_path / "duty.csv")
+    with pytest.raises(InputError, match=r"it is a pipe.*; a duty is a CSV file"):
+        read_duty(tmp_path / "duty.csv")

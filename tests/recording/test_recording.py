@@ -5,8 +5,10 @@ from __future__ import annotations
 import copy
 import pickle
 
+import h5py
 import numpy as np
 import pandas as pd
+import pint
 import pytest
 import xarray as xr
 
@@ -132,3 +134,55 @@ def test_it_can_be_pickled_and_its_channels_still_not_be_replaced() -> None:
             assert copied.channels[name].identical(values)
         with pytest.raises(TypeError, match="assignment"):
             copied.channels["torque"] = None
+
+
+def test_units_of_pint_and_other_names_of_the_attribute():
+    registry = pint.UnitRegistry()
+    in_pint = registry.Quantity(X, "mm")
+    wrapped = xr.DataArray(in_pint, dims="time")
+    named = xr.DataArray(X, dims="time", attrs={"Unit": "mm"})
+    for position in (in_pint, wrapped, named):
+        assert made(position=position, units=None).array("position")[-1] == pytest.approx(0.1)
+    with pytest.raises(InputError, match="unit"):
+        made(position=registry.Quantity(X, "s"), units=None)
+    assert made(units={"position": registry.mm}).array("position")[-1] == pytest.approx(0.1)
+
+
+def test_the_start_is_a_time():
+    assert made(started_at="2026-01-31T08:00").started_at == "2026-01-31T08:00"
+    assert made(started_at=pd.Timestamp("2026-01-31T08:00Z")).started_at == "2026-01-31T08:00:00+00:00"
+    for wrong in ("yesterday", "2026-01-31T08:00+25:00", pd.NaT, 5):
+        with pytest.raises(InputError, match=r"started_at is .* a time in ISO 8601"):
+            made(started_at=wrong)
+
+
+def test_a_start_of_a_file_that_is_no_time_is_ignored_and_noted(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["torque"], file["position"] = 0.1 * X, X
+        file.attrs["sample_rate"], file.attrs["started_at"] = 1000.0, "31.01.2026 08:00"
+    channels = ballscrew.recording.channels.ChannelMap.from_settings(
+        {"channel": [{"source": name, "quantity": name} for name in ("torque", "position")]}
+    )
+    recording = ballscrew.read_recording(tmp_path / "a.h5", channels)
+    assert recording.started_at is None
+    assert recording.notes[-1] == "the start '31.01.2026 08:00' is no time in ISO 8601, and is ignored."
+
+
+def test_a_unit_of_the_map_that_contradicts_the_file_is_noted(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["torque"], file.attrs["sample_rate"] = 0.1 * X, 1000.0
+        file["torque"].attrs["unit"] = "N m"
+
+    def read(unit):
+        rows = [{"source": "torque", "quantity": "torque", "unit": unit}]
+        channels = ballscrew.recording.channels.ChannelMap.from_settings({"channel": rows})
+        return ballscrew.read_recording(tmp_path / "a.h5", channels)
+
+    assert read("Nm").notes == ()
+    expected = "torque: the channel map has the unit N cm, the file N m; that of the map is used."
+    assert read("N cm").notes == (expected,)
+
+
+def test_times_are_no_samples():
+    with pytest.raises(InputError, match="position must be numbers"):
+        made(position=pd.Series(pd.Timestamp("2026-01-01") + pd.to_timedelta(X, unit="s")))

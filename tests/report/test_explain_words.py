@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -12,9 +14,11 @@ from tests.estimation.made_runs import run_of
 
 from ballscrew.modal.cell import CellResult
 from ballscrew.modal.evidence import Evidence
+from ballscrew.modal.joint import frequencies
 from ballscrew.modal.reason import Reason
 from ballscrew.modal.run import FrameMode, MotorRipple, Run
 from ballscrew.recording.quality.finding import Quality
+from ballscrew.report import explain_words
 from ballscrew.report.explain_words import (
     _HELP,
     _MEANS,
@@ -177,3 +181,11 @@ def test_advice_follows_from_the_measurement_and_from_the_reason_of_a_refusal() 
     )
     none = replace(noisy, method="paper")
     assert advice(evidence_for(run, cell=noisy, paper=none))[0].startswith("A motion that excites the mode")
+
+
+def test_every_term_of_the_uncertainty_is_explained() -> None:
+    source = Path(frequencies.__file__).read_text(encoding="utf-8")
+    terms = set(re.findall(r'UncertaintyTerm\("(\w+)"', source))
+    assert len(terms) > 10
+    assert terms <= explain_words._MEANS["joint"].keys()
+    assert terms <= explain_words._HELP.keys()

@@ -47,5 +47,5 @@ def test_the_service_says_which_packages_it_needs(monkeypatch: pytest.MonkeyPatc
     import ballscrew.service
 
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "uvicorn" else name)
-    with pytest.raises(InputError, match=r"install them by python -m pip install 'ballscrew\[server\]'"):
+    with pytest.raises(InputError, match=r'install them by python -m pip install "ballscrew\[server\]"'):
         importlib.reload(ballscrew.service)

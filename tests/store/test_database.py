@@ -10,7 +10,7 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import closing
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 
 import pytest
 from alembic.autogenerate import compare_metadata
@@ -239,7 +239,7 @@ def test_without_its_driver_a_database_is_refused_with_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pg8000", None)
-    with pytest.raises(InputError, match=r"pip install 'ballscrew\[postgresql\]'"):
+    with pytest.raises(InputError, match=r'pip install "ballscrew\[postgresql\]"'):
         Store.init(tmp_path / "a", database="postgresql://user@127.0.0.1:1/name")
 
 
@@ -362,3 +362,9 @@ def test_faults_of_a_database_are_rows_without_their_parents_and_values_that_are
         "database: row 1 of runs refers to a row of axes that is missing",
         "database: row 2 of runs refers to a row of axes that is missing",
     ]
+
+
+def test_a_store_on_a_network_drive_is_refused() -> None:
+    with pytest.raises(InputError, match="is on a network drive"):
+        database._address(PureWindowsPath("//server/share/store.sqlite"))
+    assert database._address(PureWindowsPath("C:/a b/store.sqlite")) == "file:///C:/a%20b/store.sqlite"

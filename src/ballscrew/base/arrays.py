@@ -149,9 +149,12 @@ def _index(values: Any) -> NDArray[Any] | None:
         if getattr(times, "tz", None) is not None:
             times = times.tz_convert(None)
         index = np.asarray(times)
-    if index is None:
-        return None
-    in_seconds = index.dtype.kind == "f" and str(label).casefold() in _TIMES and unit in ("", "s")
-    if index.dtype.kind in "mM" or in_seconds:
+    if index is not None and _are_times(index, str(label), unit):
         return index
     return None
+
+
+def _are_times(index: NDArray[Any], label: str, unit: str) -> bool:
+    """Whether an index has dates, durations, or numbers that are called times and are in s."""
+    in_seconds = index.dtype.kind == "f" and label.casefold() in _TIMES and unit in ("", "s")
+    return index.dtype.kind in "mM" or in_seconds

@@ -29,6 +29,8 @@ _MEANS = {
         "model": "lower limit of the uncertainty for any model of a run",
         "steps": "the torque is recorded in coarse steps",
         "clock": "the recorder's clock: 0.05 %, or its deviation from the plan",
+        "damping": "dampers that lie in nut and bearings alone raise the frequency of a damped mode",
+        "frame": "a mode of the machine's frame or of a pitching table, which is modelled with its own error",
     },
     "paper": {
         "repetitions": "scatter of the peak from repetition to repetition",
@@ -48,6 +50,8 @@ _HELP = {
     "model": "nothing in this run; this is the limit of the method",
     "steps": "a finer resolution of the torque",
     "clock": "nothing in this run; a recorder with a better clock",
+    "damping": "nothing in this run; less grease, where the damping ratio has risen",
+    "frame": "another load, or stops farther from each other, which move the two modes apart",
     "load": "a lower acceleration, or less load on the table, so that the test unloads the nut less",
     "residual": "more jerk, and a check of what else shakes the table: balls, a loose cover, the guide",
     "ripple": "another speed, which shifts the frequency of forces that repeat within a turn, as of a belt",

@@ -237,10 +237,12 @@ def recover_uploads(service: Service) -> None:
     """
     files = service.store.folder.files
     for path in files.glob(f"{INCOMING}*"):
-        path.unlink(missing_ok=True)
+        with suppress(PermissionError):  # of Windows, while another program reads it
+            path.unlink(missing_ok=True)
     for path in service.partial.iterdir():
         if stored_size(service, path.name) is not None:
-            path.unlink()
+            with suppress(PermissionError):
+                path.unlink()
             continue
         for compression in ("none", "zstd"):
             path_of(files, path.name, compression).unlink(missing_ok=True)

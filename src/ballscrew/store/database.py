@@ -7,7 +7,7 @@ import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.engine import URL, make_url
@@ -132,7 +132,7 @@ def connect_sqlite(path: Path, *, writing: bool = False) -> sqlite3.Connection:
     sqlite3.Connection
         A reader too opens a database so that it can roll back what a killed process left half written.
     """
-    address = f"{path.resolve().as_uri()}?mode={_mode(path)}"
+    address = f"{_address(path.resolve())}?mode={_mode(path)}"
     # SQLAlchemy begins the transactions; Python's sqlite3 would begin others.
     connection = sqlite3.connect(address, uri=True, isolation_level=None, check_same_thread=False)
     connection.execute(f"PRAGMA busy_timeout = {_BUSY}")
@@ -140,6 +140,13 @@ def connect_sqlite(path: Path, *, writing: bool = False) -> sqlite3.Connection:
     if not writing:
         connection.execute("PRAGMA query_only = ON")
     return connection
+
+
+def _address(path: PurePath) -> str:
+    """URI of a database, refused on a network drive of Windows, where SQLite cannot share it."""
+    if path.drive.startswith("\\\\"):
+        raise InputError(f"{path}: is on a network drive; keep a store on a disk of this computer.")
+    return path.as_uri()
 
 
 def _mode(path: Path) -> str:
