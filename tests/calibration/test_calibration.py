@@ -577,7 +577,8 @@ def test_units_of_a_known_preload_are_converted(experiment, sheet: DataSheet) ->
         found = calibrate(runs, sheet, known={runs[0].id: given})
         assert found.model == expected.model
         assert found.anchors == expected.anchors
-    for wrong in (Quantity(600.0, 12.0, "mm"), 600.0, "600 kg"):
+    below, wide = Quantity(-600.0, 10.0, "N"), Quantity(600.0, 700.0, "N")
+    for wrong in (Quantity(600.0, 12.0, "mm"), 600.0, "600 kg", below, wide):
         with pytest.raises(InputError, match=f"the known preload of run {runs[0].id[:12]}"):
             calibrate(runs, sheet, known={runs[0].id: wrong})  # type: ignore[dict-item]
 

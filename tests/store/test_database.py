@@ -368,3 +368,5 @@ def test_a_store_on_a_network_drive_is_refused() -> None:
     with pytest.raises(InputError, match="is on a network drive"):
         database._address(PureWindowsPath("//server/share/store.sqlite"))
     assert database._address(PureWindowsPath("C:/a b/store.sqlite")) == "file:///C:/a%20b/store.sqlite"
+    long = PureWindowsPath("//?/C:/store.sqlite")
+    assert database._address(long).endswith("store.sqlite")

@@ -285,7 +285,7 @@ def write_texts(files: Iterable[tuple[Path, Iterable[str]]]) -> None:
 def move_file(source: Path, target: Path) -> None:
     """Move a file or folder to a place on the same disk, where it replaces a file.
 
-    On Windows it is moved again for two seconds if another program holds either of them.
+    On Windows it is moved again for 1.5 s if another program holds either of them.
 
     Raises
     ------

@@ -95,9 +95,12 @@ def calibrate(
 def _known_force(given: Quantity | str, run: str) -> Quantity:
     """Known preload of a run, N."""
     try:
-        if isinstance(given, Quantity):
-            return given.to("N")
-        return known_preload(given)
+        if not isinstance(given, Quantity):
+            return known_preload(given)
+        force = given.to("N")
+        if not 0 < force.standard_uncertainty < force.value:
+            raise InputError(f"{force} was given; it must be above 0 N, and its uncertainty between 0 and it")
+        return force
     except InputError as error:
         text = str(error).removesuffix(".")
         raise InputError(f"the known preload of run {run[:12]}: {text}.") from None

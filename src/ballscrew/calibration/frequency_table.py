@@ -22,7 +22,7 @@ _LARGEST = 1e300
 _LEAST_POSITIVE = 1e-300
 _MOST_CELLS = 2000  # of a run; their covariance has 32 MB
 # Terms of the uncertainty that repeat from run to run.
-_REPEATING = ("model", "clock", "load", "method", "window", "weights", "drives")
+_REPEATING = ("model", "clock", "damping", "load", "method", "window", "weights", "drives")
 _CONTAINED = ("uncertain", "nearly-unloaded", "ripple")  # kinds of reasons that a cell's uncertainty contains
 
 _FINITE = number(-_LARGEST, _LARGEST)

@@ -114,7 +114,7 @@ def predict_accuracy(options: AccuracyOptions, test: PlannedTest) -> Prediction:
 
 def _minutes(option: str, text: str) -> float:
     """Minutes of an option, which must have a unit: a bare number would be seconds."""
-    if text.strip()[-1:].isdigit():
+    if text.strip().rstrip(".")[-1:].isdigit():
         raise InputError(f"{option} is {text!r}; state its unit, such as '10 min'.")
     return parse_option(option, text, "s") / 60
 

@@ -146,7 +146,10 @@ def _cell(frequency: Any, position: float, motion: int, method: str) -> CellResu
         reasons = frequency.reasons
         frequency = frequency.frequency
     if isinstance(frequency, Quantity):
-        frequency = frequency.to("Hz")
+        try:
+            frequency = frequency.to("Hz")
+        except InputError as error:
+            raise InputError(f"the frequency is {frequency}: {error}.") from None
     if not (isinstance(frequency, Quantity) and frequency.standard_uncertainty > 0):
         raise InputError(
             f"the frequency is {shown(frequency)}; it must be a Quantity in Hz with a standard uncertainty, "

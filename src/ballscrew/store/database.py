@@ -144,7 +144,7 @@ def connect_sqlite(path: Path, *, writing: bool = False) -> sqlite3.Connection:
 
 def _address(path: PurePath) -> str:
     """URI of a database, refused on a network drive of Windows, where SQLite cannot share it."""
-    if path.drive.startswith("\\\\"):
+    if path.drive.startswith("\\\\") and not path.drive.startswith("\\\\?\\"):  # a long local path
         raise InputError(f"{path}: is on a network drive; keep a store on a disk of this computer.")
     return path.as_uri()
 
