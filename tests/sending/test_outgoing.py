@@ -10,7 +10,7 @@ import pytest
 from tests.sending.conftest import write_run
 
 from ballscrew import InputError
-from ballscrew.sending.outgoing import OutgoingRun, RunRule, find_runs
+from ballscrew.sending.outgoing import OutgoingRun, RunRule, _folder_group, find_runs
 from ballscrew.sending.watched import WatchedFolder
 
 X = RunRule(axis="X axis")
@@ -271,3 +271,8 @@ def test_an_axis_that_is_no_text_is_not_sent(tmp_path: Path) -> None:
     sentence = only_error(touch(tmp_path, "a.h5"), RunRule(axis="X\udcff"))
     assert sentence.endswith("the axis is no text in UTF-8; give its name (--axis).")
     sentence.encode()
+
+
+def test_files_that_windows_puts_into_a_folder_are_no_recordings(tmp_path: Path) -> None:
+    touch(tmp_path, "a.h5", "Thumbs.db", "desktop.ini")
+    assert [path.name for path in _folder_group(tmp_path, RunRule()).files] == ["a.h5"]

@@ -86,6 +86,9 @@ def test_a_frame_far_above_the_mode_has_a_larger_term_and_makes_cells_suspect(
         expected = relative * max(1.0, 8 / result.frame_mode.mass_ratio) ** 2 * cell.frequency_Hz
         assert cell.uncertainty_terms_Hz["frame"] == pytest.approx(expected)
         assert ("far above that of the axis" in " ".join(cell.reasons)) == (limit < 1)
+        assert cell.damping_ratio is not None
+        by_dampers = cell.damping_ratio**2 * cell.frequency_Hz
+        assert cell.uncertainty_terms_Hz["damping"] == pytest.approx(by_dampers)
 
 
 def test_a_frame_at_1_4_of_the_mode_is_found(rig: Rig, sheet: DataSheet) -> None:
