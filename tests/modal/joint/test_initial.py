@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ballscrew.axis.frequency import predicted_frequency
-from ballscrew.axis.model import moving_mass, screw_part
+from ballscrew.axis.model import kappa, moving_mass, screw_part, structure_compliance
 from ballscrew.axis.rod import rod_frequency
 from ballscrew.modal.joint.initial import expected_mass_over_preload, initial_values, typical_form_curve
 from ballscrew.modal.joint.mode import mode_frequency
@@ -108,6 +108,42 @@ def test_the_rotors_part_is_the_ratio_of_the_tables_shares_of_the_kinetic_energy
     found = initial_values(AXIS, LOAD, 0.0, 2 * POSITION).rotor_correction
     assert found == pytest.approx(expected_correction, abs=0.01)
     assert found > 1.01
+
+
+@pytest.mark.parametrize("frame_over_moving_mass", [4.0, 10.0])
+def test_a_part_of_the_screw_moves_with_the_frame(frame_over_moving_mass: float) -> None:
+    """A rod on a frame, its rotor held. The frame alone is at the zero of the table's motion.
+
+    In the equations of :mod:`ballscrew.modal.joint.simulation` the product of both coupled frequencies is
+    that of this zero and of the axial frequency with the frame blocked.
+    """
+    table, screw, count = float(moving_mass(AXIS, LOAD)), AXIS.screw, 400
+    mass = 3 * screw_part(AXIS) * ((screw.nominal_diameter / screw.root_diameter) ** 2 + 1) / 2
+    length = screw.length / count
+    nut = round((POSITION + screw.bearing_to_zero) / length)  # its node; the table is the last but one
+    twist = float(structure_compliance(AXIS, POSITION, torsion=True))
+    twist -= float(structure_compliance(AXIS, POSITION, torsion=False))
+    to_nut = 1 / (1 / (kappa(AXIS) * math.cbrt(AXIS.nominal_preload)) + twist)
+    rod = screw.youngs_modulus * math.pi / 4 * screw.root_diameter**2 / length
+    frame_mass = frame_over_moving_mass * table
+    mounts = frame_mass * (2 * math.pi * 130.0) ** 2
+    springs = [(i, i + 1, rod) for i in range(count)]
+    springs += [(0, count + 2, AXIS.bearing.stiffness), (nut, count + 1, to_nut)]
+    stiffness = np.zeros((count + 3, count + 3))
+    for i, j, rigidity in springs:
+        stiffness[np.ix_([i, j], [i, j])] += rigidity * np.array([[1, -1], [-1, 1]])
+    stiffness[-1, -1] += mounts
+    masses = np.full(count + 3, mass / count)
+    masses[[0, count]] /= 2
+    masses[-2:] = table, frame_mass
+    root = np.sqrt(masses)
+    scaled = stiffness / np.outer(root, root)
+    coupled = np.sqrt(np.linalg.eigvalsh(scaled)[:2])
+    blocked = math.sqrt(np.linalg.eigvalsh(scaled[:-1, :-1])[0])
+    zero = math.sqrt(mounts / (frame_mass + mass))
+    excess = coupled[0] * coupled[1] / (zero * blocked) - 1
+    found = initial_values(AXIS, LOAD, 0.0, 2 * POSITION).screw_shift
+    assert found * table / frame_mass == pytest.approx(excess, rel=0.15)
 
 
 @pytest.mark.parametrize("rotating", ["screw", "nut"])

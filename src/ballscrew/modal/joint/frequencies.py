@@ -12,9 +12,9 @@ from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import ROTOR_FREE, ROTOR_HELD, Projection, make_block, project
 from ballscrew.modal.joint.columns import MOTOR_MODE_COLUMNS
 from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit
-from ballscrew.modal.joint.frame import is_far_above
+from ballscrew.modal.joint.frame import FrameSearch, is_far_above
 from ballscrew.modal.joint.local_wear import local_residue, shrinkage_covariance
-from ballscrew.modal.joint.mode import damping_ratio, mode_frequency
+from ballscrew.modal.joint.mode import FORM_DEVIATION, AxialMode, damping_ratio, mode_frequency
 from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import TiedCurves, nut_loads, sheet_weight, tie_slopes
@@ -65,9 +65,6 @@ _PITCHING = 2e-3
 # The same with a frame far above the mode. With frames at 1.6 and 1.8 of the mode of nine random axes the
 # error is up to 0.8 %, in runs with a standard uncertainty of 0.3 % without this term.
 _HIGH_FRAME = 3e-3
-# Coupling (moving mass over the frame's) from which on the term grows with its square. On a finite-element
-# machine with a frame of 3.9 times the moving mass at 0.63 of the mode the error is 0.6 %, of unknown cause.
-_FRAME_COUPLING = 1 / 8
 
 # Amplitude of the torque's rounding error in the band, over that by TripSignals.rounding: 0.65 to 0.8 for
 # steps of 0.02 to 0.1 N m on the bench.
@@ -234,8 +231,7 @@ def _frequency_and_terms(
     ``final`` and ``unwhitened`` are the final fit and the fit before whitening, ``mode`` is ROTOR_FREE or
     ROTOR_HELD. The uncertainty is a list of terms.
     """
-    f = final.curve(mode, stops)
-    fit = final.fit
+    fit, f = final.fit, final.curve(mode, stops)
     by_motion = unexplained_power(fit).get("motor-nut", 0.0)
     unexplained = max(fit.projections[0].unexplained, _FORCE_OF_MOTION * by_motion)
     force = _FORCE * unexplained * fit.modes[mode].damping
@@ -257,17 +253,22 @@ def _frequency_and_terms(
         UncertaintyTerm("local", False, interpolation),
         UncertaintyTerm("damping", True, (_DAMPERS * damping_ratio(fit.modes[mode], f) ** 2 * f)[None]),
     ]
-    coupling = fit.modes[mode].coupling
-    if coupling > 0:
-        relative = _FRAME
-        if found.frame is not None and found.frame.pitching:
-            relative = _PITCHING
-        elif is_far_above(fit.modes[0]):
-            relative = _HIGH_FRAME
-        terms.append(
-            UncertaintyTerm("frame", False, relative * max(1.0, coupling / _FRAME_COUPLING) ** 2 * f[None])
-        )
-    return f, terms
+    if found.frame is None:
+        return f, terms
+    relative, shift = _frame_term(found.frame, fit.modes[mode])
+    terms.append(UncertaintyTerm("frame", False, relative * f[None]))
+    return f * (1 - shift), terms
+
+
+def _frame_term(frame: FrameSearch, mode: AxialMode) -> tuple[float, float]:
+    """Relative uncertainty of a frequency by the frame's mode, and its relative excess in the equations."""
+    if frame.pitching:
+        return _PITCHING, 0.0
+    relative = _FRAME
+    if is_far_above(mode):
+        relative = _HIGH_FRAME
+    distributed = mode.screw_shift * mode.coupling  # the excess if the mass of the screw is distributed
+    return math.hypot(relative, FORM_DEVIATION * distributed), distributed * min(max(mode.form, 0.0), 1.0)
 
 
 def _total(terms: Sequence[UncertaintyTerm]) -> Array:

@@ -21,6 +21,9 @@ is one standard deviation, :data:`FORM_DEVIATION`, from the mean."""
 FORM_DEVIATION = 0.5
 """Standard deviation of the field ``form`` before the run."""
 
+TYPICAL_SCREW_SHIFT = 0.02
+"""Field ``screw_shift`` of :class:`AxialMode` without a data sheet: 0.01 to 0.03 on ten random axes."""
+
 
 @dataclass(frozen=True, slots=True)
 class AxialMode:
@@ -69,9 +72,13 @@ class AxialMode:
         energy over that with the rotor held. By Eq. (3) it is (f_held/f_free)².
     rotor_correction : float
         Factor of this square, since the screw turns too; 1 by Eq. (3).
+    screw_shift : float
+        Relative excess of the frequency in these equations over that with the frame blocked, divided by
+        ``coupling``, if the screw's mass is distributed along it: a part of it moves with the frame. 0 for a
+        lumped screw.
     form : float
-        Factor of ``form_curve``: 0 for a lumped screw, 1 for a screw whose mass and twist are distributed
-        along it as expected.
+        Factor of ``form_curve`` and ``screw_shift``: 0 for a lumped screw, 1 for a screw whose mass and twist
+        are distributed along it as expected.
     form_curve : float
         Coefficient of x² (1/m²) in the relative compliance that the distribution of mass and twist is
         expected to cause.
@@ -95,6 +102,7 @@ class AxialMode:
     coupling: float = 0.0
     rotor_part: float = 1.0
     rotor_correction: float = 1.0
+    screw_shift: float = TYPICAL_SCREW_SHIFT
     form: float = 0.0
     form_curve: float = 0.0
 
