@@ -33,8 +33,8 @@ _HIGH_PITCH = 2.5  # frequency of the pitching mode, over the axial one, at whic
 _LEAST_PART = 0.65
 # Least reduction of the log residual by a frame that the pitching mode imitates. Where no accelerometer shows
 # this mode, it is 0.87 at least in three runs of a finite-element machine with a frame of 10 times the moving
-# mass at 1.25 to 1.8 of the mode, and 0.43 on a random axis with one at 1.6. Without a frame it is 0.22 at most
-# in 34 runs of other such machines and of random axes.
+# mass at 1.25 to 1.8 of the mode, and 0.43 on a random axis with one at 1.6. Without a frame it is 0.22 at
+# most in 34 runs of other such machines and of random axes.
 _LEAST_REDUCTION_BY_PITCHING = 0.4
 _SCORED_COUPLING = 1e-3  # moving mass over the frame's in `frame_scores`: nearly 0
 
