@@ -31,6 +31,8 @@ WORN_NUT = 1e-3
 
 On random axes at 60 % of their preload the frequency was 0.5 to 1.5e-3 too low. It does not repeat."""
 
+_LASTING = ("damping",)  # errors that depend on the build of the machine, and on nothing that a run changes
+
 _MOST_LOG_COMPLIANCE = 10.0  # largest change of ln C; beyond it a frequency is not of this axis
 _LEAST_U = 0.2  # least (P/P_ref)^(−1/3): that of more than a hundred times the preload
 
@@ -84,7 +86,8 @@ def joint_covariance(runs: Sequence[FrequencyTable], correlation: float = REPEAT
         total[spans[i], spans[i]] = covariance(run)
         for j in range(i):
             for key in sorted(repeating[i].keys() & repeating[j].keys()):
-                block = correlation * np.outer(repeating[i][key], repeating[j][key])
+                common = error_correlation(key[0], correlation)
+                block = common * np.outer(repeating[i][key], repeating[j][key])
                 total[spans[i], spans[j]] += block
                 total[spans[j], spans[i]] += block.T
     return total
@@ -217,6 +220,27 @@ def relative_covariance(
     for bend in (1.5 * along**2 - 0.5, along * heavy, 1.5 * heavy**2 - 0.5):
         total += FORM**2 * np.outer(bend, bend)
     return np.asarray(total + FLOOR**2 * np.eye(len(f)))
+
+
+def error_correlation(name: str, correlation: float) -> float:
+    """Correlation of a repeating error from run to run.
+
+    Parameters
+    ----------
+    name : str
+        Of the error. The error by the place of the dampers is the same in all runs of an axis: each run states
+        its size by its own damping ratio.
+    correlation : float
+        Of other errors, 0 to 1; 0 for runs of different axes.
+
+    Returns
+    -------
+    float
+        0 to 1.
+    """
+    if correlation > 0 and name in _LASTING:
+        return 1.0
+    return correlation
 
 
 def repeating_effects(run: FrequencyTable) -> dict[tuple[str, int], Array]:

@@ -16,6 +16,7 @@ from ballscrew.calibration.anchors import LEVELS
 from ballscrew.calibration.covariance import (
     FLOOR,
     ExperimentVariation,
+    error_correlation,
     experiment_effects,
     relative_covariance,
     with_repeating_load,
@@ -183,9 +184,10 @@ def _with_half_preload(fit: Fit, run: FrequencyTable, variation: ExperimentVaria
     model = fit.model
     now = gradient(model, run.position, run.load, 1.0)
     half = gradient(model, run.position, run.load, 0.5)
-    repeats = with_repeating_load(run).repeats.astype(float)[:, None]
+    repeats = with_repeating_load(run).repeats
+    correlation = [error_correlation(name, variation.assumptions.repeats) for name in run.shared_names]
     # Variance of a difference: twice that of one run, less what repeats in both.
-    shared = run.shared * np.sqrt(2 * (1 - variation.assumptions.repeats * repeats))
+    shared = run.shared * np.sqrt(2 * (1 - np.where(repeats, correlation, 0.0)))[:, None]
     noise = (shared.T @ shared + 2 * np.diag(run.own**2)) / np.outer(run.frequency, run.frequency)
     for effect in experiment_effects(run, model, variation, math.log(0.5)):
         noise += np.outer(effect, effect)

@@ -22,7 +22,7 @@ from ballscrew.axis.axial import PARAMETERS, AxialModel, frequency, gradient
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions
-from ballscrew.calibration.covariance import repeating_effects, with_repeating_load
+from ballscrew.calibration.covariance import error_correlation, repeating_effects, with_repeating_load
 from ballscrew.calibration.frequency_table import FrequencyTable, paired_cells
 from ballscrew.calibration.worn_nut import frequency_loss_under_load
 from ballscrew.estimation.change import DECLARED_LOAD, POSITION, ComplianceChange, ErrorTerm
@@ -253,9 +253,10 @@ def _repeating_terms(
         elif key not in effects:
             of_baseline.append(baseline_effects[key])
         else:
-            common.append(math.sqrt(correlation) * (effects[key] - baseline_effects[key]))
-            of_run.append(math.sqrt(1 - correlation) * effects[key])
-            of_baseline.append(math.sqrt(1 - correlation) * baseline_effects[key])
+            repeated = error_correlation(key[0], correlation)
+            common.append(math.sqrt(repeated) * (effects[key] - baseline_effects[key]))
+            of_run.append(math.sqrt(1 - repeated) * effects[key])
+            of_baseline.append(math.sqrt(1 - repeated) * baseline_effects[key])
     return [
         ErrorTerm("errors that repeat", False, _stacked(common, count)),
         ErrorTerm("new errors of this run", True, _stacked(of_run, count)),
