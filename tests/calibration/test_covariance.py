@@ -15,6 +15,7 @@ from ballscrew.calibration.calibration import calibrate, solve_calibration
 from ballscrew.calibration.covariance import (
     WORN_NUT,
     ExperimentVariation,
+    error_correlation,
     experiment_covariance,
     experiment_effects,
     joint_covariance,
@@ -43,6 +44,18 @@ def test_the_effect_of_the_load_repeats_from_run_to_run() -> None:
     assert np.diag(common) == pytest.approx(0.9 * TERM**2, rel=1e-6)
     plain = frequency_table(run_of())
     assert with_repeating_load(plain).repeats.tolist() == plain.repeats.tolist()
+
+
+@pytest.mark.parametrize(("name", "correlation"), [("clock", 0.9), ("damping", 1.0), ("residual", 0.0)])
+def test_the_error_by_the_place_of_the_dampers_is_the_same_in_every_run(
+    name: str, correlation: float
+) -> None:
+    table = frequency_table(with_load(run_of(), TERM, name=name, repeats=name != "residual"))
+    n, f = len(table.frequency), table.frequency
+    common = joint_covariance([table, table])[:n, n:] / np.outer(f, f)
+    assert common == pytest.approx(np.full((n, n), correlation * TERM**2), rel=1e-6)
+    assert not joint_covariance([table, table], 0.0)[:n, n:].any()  # of two axes
+    assert error_correlation(name, 0.0) == 0.0
 
 
 def test_calibration_and_preload_correct_the_load_on_a_worn_nut_alike() -> None:
@@ -91,11 +104,11 @@ def test_impossible_frequencies_have_a_finite_covariance() -> None:
         assert np.isfinite(experiment_covariance(runs, [0, 1], MODEL, ExperimentVariation(BEARING))).all()
 
 
-def with_load(run: Run, term: float, low: float = 0.0) -> Run:
+def with_load(run: Run, term: float, low: float = 0.0, *, name: str = "load", repeats: bool = False) -> Run:
     """The run with a term "load" of its uncertainty, and frequencies that are too low by a part."""
     cells = tuple(replace(c, frequency_Hz=c.frequency_Hz * (1 - low)) for c in run.cells)
     effects = tuple(term * c.frequency_Hz for c in cells)
-    more = SharedError("load", False, effects)
+    more = SharedError(name, repeats, effects)
     sure = tuple(
         replace(c, standard_uncertainty_Hz=float(np.hypot(c.standard_uncertainty_Hz, e)))
         for c, e in zip(cells, effects, strict=True)

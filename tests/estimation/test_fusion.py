@@ -37,6 +37,26 @@ def test_the_terms_are_the_joint_covariance_of_both_runs() -> None:
     np.testing.assert_allclose(change_covariance(change, floor=False), expected, atol=1e-14)
 
 
+@pytest.mark.parametrize(("ratio", "relative"), [(1.0, 0.0), (1.5, 2 * 0.5 * 4e-3)])
+def test_what_the_dampers_shift_cancels_at_one_damping_ratio(ratio: float, relative: float) -> None:
+    """Y changes by twice the difference of the shifts of both runs, and by nothing else of this error."""
+    runs = [run_of(name=name, uncertainty=1e-3) for name in ("base", "later")]
+    tables = [frequency_table(run) for run in runs]
+    damped = [
+        dataclasses.replace(
+            table,
+            shared=np.vstack([table.shared, size * table.frequency]),
+            shared_names=(*table.shared_names, "damping"),
+            repeats=np.append(table.repeats, True),
+        )
+        for table, size in zip(tables, (4e-3, ratio * 4e-3), strict=True)
+    ]
+    plain = change_since(tables[1], tables[0], MODEL, BEARING, assumptions=NOTHING)
+    change = change_since(damped[1], damped[0], MODEL, BEARING, assumptions=NOTHING)
+    added = change_covariance(change, floor=False) - change_covariance(plain, floor=False)
+    np.testing.assert_allclose(added, relative**2, atol=1e-12)
+
+
 def test_without_a_baseline_the_terms_are_the_runs_own_covariance() -> None:
     run = frequency_table(run_of(0.6, uncertainty=1e-3))
     change = change_from_model(run, MODEL, BEARING, NOTHING)

@@ -183,7 +183,8 @@ class Assumptions:
     floor : float
         Relative error of each frequency that every model has.
     repeats : float
-        Correlation of a repeating error from run to run.
+        Correlation of a repeating error from run to run, except for that by the place of the dampers, which
+        is the same in all runs.
     torque_trusted : bool or None
         Whether the torque constant is constant; None where the data decide.
     false_alarm : float

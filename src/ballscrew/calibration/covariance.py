@@ -228,8 +228,8 @@ def error_correlation(name: str, correlation: float) -> float:
     Parameters
     ----------
     name : str
-        Of the error. The error by the place of the dampers is the same in all runs of an axis: each run states
-        its size by its own damping ratio.
+        Of the error. That by the place of the dampers is the same in all runs of an axis; each run states its
+        size by its own damping ratio.
     correlation : float
         Of other errors, 0 to 1; 0 for runs of different axes.
 

@@ -14,7 +14,7 @@ from ballscrew.modal.joint.columns import MOTOR_MODE_COLUMNS
 from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit
 from ballscrew.modal.joint.frame import FrameSearch, is_far_above
 from ballscrew.modal.joint.local_wear import local_residue, shrinkage_covariance
-from ballscrew.modal.joint.mode import FORM_DEVIATION, AxialMode, damping_ratio, mode_frequency
+from ballscrew.modal.joint.mode import FORM_DEVIATION, AxialMode, mode_frequency
 from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import TiedCurves, nut_loads, sheet_weight, tie_slopes
