@@ -198,19 +198,22 @@ def _frame_constants(sheet: DataSheet, load: float, position: float) -> tuple[fl
     The correction is 1 where two modes have similar shares of the table's motion: either may be called the
     axial one.
     """
-    held, free = (rod_modes(sheet, position, load, rotor=rotor, elements=_ELEMENTS) for rotor in _ROTORS)
+    rotor_held, rotor_free = (
+        rod_modes(sheet, position, load, rotor=rotor, elements=_ELEMENTS) for rotor in _ROTORS
+    )
     # Mass of the screw over the moving mass. The thread fills half of the space around the root.
     thread = ((sheet.screw.nominal_diameter / sheet.screw.root_diameter) ** 2 - 1) / 2
     screw = 3 * screw_part(sheet) * (1 + thread) / float(moving_mass(sheet, load))
-    shift = screw * (_screw_motion(held) - _screw_motion(held, power=2) / 2)
-    if max(_second_share(modes) for modes in (held, free)) > _SIMILAR_SHARE:
+    shift = screw * (_screw_motion(rotor_held) - _screw_motion(rotor_held, power=2) / 2)
+    if max(_second_share(modes) for modes in (rotor_held, rotor_free)) > _SIMILAR_SHARE:
         return 1.0, shift
     # A frame acts on a mode by its participation factor, of the table (a lumped screw) or also of the screw.
-    held_part, free_part = (
+    free_participation, participation = (
         modes.table_share[modes.first_axial] * (1 + screw * _screw_motion(modes)) ** (2 * FORM_MEAN)
-        for modes in (held, free)
+        for modes in (rotor_free, rotor_held)
     )
-    return float(free_part / held_part * (free.axial_frequency / held.axial_frequency) ** 2), shift
+    squares = (rotor_free.axial_frequency / rotor_held.axial_frequency) ** 2
+    return float(free_participation / participation * squares), shift
 
 
 def _screw_motion(modes: RodModes, power: int = 1) -> float:
