@@ -53,7 +53,7 @@ _LEAST_UNMEASURED = 1e-4
 
 # Term "damping", of dampers that lie in the joints alone: the modulus of the pole, which the fit estimates,
 # then exceeds the undamped frequency. Relative error over the square of the damping ratio in the middle: 0.9
-# to 1.7 by perturbation of rods with damped nut, bearings and coupling, on 7 machines, within a third of that
+# to 1.7 by perturbation of rods with damped nut, bearings and coupling, on 7 machines, within 40 % of that
 # along each of them. 0 where all parts are damped alike.
 _DAMPERS = 1.0
 
