@@ -16,6 +16,7 @@ from ballscrew.modal.joint import frame, search
 from ballscrew.modal.joint.blocks import Block, make_block
 from ballscrew.modal.joint.fit import JointFit, fit_blocks, fit_modes
 from ballscrew.modal.joint.frame import FrameSearch, _with_frame, find_frame
+from ballscrew.modal.joint.frequencies import _frame_term
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.initial import expected_mass_over_preload, initial_values, total_inertia
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
@@ -35,7 +36,21 @@ SHARE = 0.1  # of the moving mass, that pitches
 def frame_term(relative: float, mass_ratio: float, sheet: DataSheet) -> float:
     """Relative standard uncertainty: half of the shift by the screw's mass on the frame, and another."""
     shift = initial_values(sheet, LOAD, STOPS[0], STOPS[-1]).screw_shift / mass_ratio
-    return math.hypot(relative, shift / 2)
+    return math.hypot(relative * max(1.0, 8 / mass_ratio) ** 2, shift / 2)
+
+
+@pytest.mark.parametrize(("form", "part"), [(-1.0, 0.0), (0.5, 0.5), (2.0, 1.0)])
+def test_a_part_of_the_shift_by_the_screws_mass_is_subtracted(form: float, part: float) -> None:
+    mode = AxialMode(
+        1e-6, 0, 0, 0.03, 0, 0, 0, 300, 0.03, coupling=0.25, rotor_part=0.8, form=form, screw_shift=0.02
+    )
+    found = FrameSearch((mode,), 1.0, 1.0)
+    relative, shift = _frame_term(found, mode, far_above=False)
+    assert shift == pytest.approx(part * 0.25 * 0.02)
+    assert relative == pytest.approx(math.hypot(4e-3, 0.5 * 0.25 * 0.02))
+    assert _frame_term(found, mode, far_above=True)[0] > 3 * 3e-3
+    pitching = replace(found, pitching=True)
+    assert _frame_term(pitching, mode, far_above=False) == pytest.approx((8e-3, 0.0))
 
 
 @pytest.fixture(scope="module")
