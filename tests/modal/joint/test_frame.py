@@ -12,7 +12,7 @@ import pytest
 from tests.modal.joint.conftest import STOPS, SmallRun, small_run, two_stops
 
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.modal.joint import frame, search
+from ballscrew.modal.joint import frame, frequencies, search
 from ballscrew.modal.joint.blocks import Block, make_block
 from ballscrew.modal.joint.fit import JointFit, fit_blocks, fit_modes
 from ballscrew.modal.joint.frame import FrameSearch, _with_frame, find_frame
@@ -51,6 +51,22 @@ def test_a_part_of_the_shift_by_the_screws_mass_is_subtracted(form: float, part:
     assert _frame_term(found, mode, far_above=True)[0] > 3 * 3e-3
     pitching = replace(found, pitching=True)
     assert _frame_term(pitching, mode, far_above=False) == pytest.approx((8e-3, 0.0))
+
+
+def test_the_shift_is_subtracted_from_both_frequencies(
+    framed: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    two, results = two_stops(framed), []
+    for shift in (0.0, 0.02):
+        monkeypatch.setattr(frequencies, "_frame_term", lambda *_, s=shift, **__: (1e-3, s))
+        results.append(identify_jointly(two.trips, two.transients, sheet, LOAD).cells)
+    for without, with_shift in zip(*results, strict=True):
+        assert without.frequency_Hz is not None
+        assert with_shift.frequency_Hz == pytest.approx(0.98 * without.frequency_Hz)
+        assert without.rotor_held_frequency_Hz is not None
+        assert with_shift.rotor_held_frequency_Hz == pytest.approx(
+            0.98 * without.rotor_held_frequency_Hz, rel=1e-3
+        )
 
 
 @pytest.fixture(scope="module")
@@ -267,6 +283,8 @@ def test_a_frame_that_the_pitching_mode_imitates_explains_much_more_than_this_mo
     assert frame._pitching_imitates_frame(plain, profile) == (least < 0.41)
     assert (find_frame(plain, profile, pitch_measured=False) is not None) == found
     assert find_frame(plain, profile, pitch_measured=True) is None
+    motor = [make_block("torque-motor", plain.blocks[0].windows)]  # which does not pitch
+    assert not frame._pitching_imitates_frame(_plain(motor, plain.modes[:1]), profile)
 
 
 def test_the_search_is_not_repeated_without_a_response_of_the_nut(

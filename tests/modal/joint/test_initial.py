@@ -12,7 +12,7 @@ from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.model import kappa, moving_mass, screw_part, structure_compliance
 from ballscrew.axis.rod import rod_frequency
 from ballscrew.modal.joint.initial import expected_mass_over_preload, initial_values, typical_form_curve
-from ballscrew.modal.joint.mode import mode_frequency
+from ballscrew.modal.joint.mode import TYPICAL_SCREW_SHIFT, mode_frequency
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
 from ballscrew.testbed.linear import natural_frequencies
 from ballscrew.testbed.trip import prepared
@@ -143,7 +143,14 @@ def test_a_part_of_the_screw_moves_with_the_frame(frame_over_moving_mass: float)
     zero = math.sqrt(mounts / (frame_mass + mass))
     excess = coupled[0] * coupled[1] / (zero * blocked) - 1
     found = initial_values(AXIS, LOAD, 0.0, 2 * POSITION).screw_shift
-    assert found * table / frame_mass == pytest.approx(excess, rel=0.15)
+    assert found * table / frame_mass == pytest.approx(excess, rel=0.05)
+
+
+def test_where_table_and_screw_share_the_motion_the_screws_shift_is_a_typical_one() -> None:
+    long = replace(AXIS, screw=replace(AXIS.screw, length=4.0))
+    shifts = [initial_values(long, LOAD, 0.0, 2 * x).screw_shift for x in (0.2, 1.0, 1.6, 1.8)]
+    assert TYPICAL_SCREW_SHIFT in shifts
+    assert all(0 < shift < 0.2 for shift in shifts)
 
 
 @pytest.mark.parametrize("rotating", ["screw", "nut"])

@@ -133,12 +133,12 @@ def find_frame(plain: JointFit, profile: Profile, *, pitch_measured: bool) -> Fr
     starts: list[Modes] = []
     if profile.pitch > 0:
         starts += _starts(plain, _COUPLED_PITCH_SCALES * plain.modes[0].pitch, pitching=True)
-    shown = bool(frame_scores(plain).max() >= _LEAST_SCORE)
-    imitated = not shown and not pitch_measured and _pitching_imitates_frame(plain, profile)
+    by_score = bool(frame_scores(plain).max() >= _LEAST_SCORE)
+    by_pitching = not by_score and not pitch_measured and _pitching_imitates_frame(plain, profile)
     least_reduction = _LEAST_REDUCTION
-    if imitated:
+    if by_pitching:
         least_reduction = _LEAST_REDUCTION_BY_PITCHING
-    if shown or imitated:
+    if by_score or by_pitching:
         starts += _starts(plain, _FRAME_SCALES * plain.modes[0].middle_frequency)
     if starts:
         found = _frame_beside(plain, starts, profile, plain.log_residual, least_reduction)
@@ -176,7 +176,8 @@ def _pitching_imitates_frame(plain: JointFit, profile: Profile) -> bool:
     """
     pitch = plain.modes[0].pitch
     start = _with_frame(plain.blocks, plain.modes, pitch, _RATIO)
-    if not _is_frame(start[0]):
+    motor_alone = all(b.name == "torque-motor" for b in plain.blocks)  # the motor does not pitch
+    if motor_alone or not _is_frame(start[0]):
         return False
     with_frame = replace(profile, pitch=pitch, frame=True)
     priors = with_frame.priors(INITIAL_INFLATION)
@@ -193,8 +194,8 @@ def _frame_beside(
 ) -> FrameSearch | None:
     """Search for a frame mode beside the modes of a fit without a frame, from several starts.
 
-    ``residual_without`` is a log residual that some fit without a frame reaches. ``least_reduction`` is that
-    of a frame that is found.
+    ``residual_without`` is a log residual that some fit without a frame reaches. ``least_reduction`` is the
+    reduction with which a frame counts as found.
     """
     with_frame = replace(profile, pitch=plain.modes[0].pitch, frame=True)
     priors = with_frame.priors(INITIAL_INFLATION)

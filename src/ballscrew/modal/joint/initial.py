@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
-from ballscrew.axis.frequency import Rotor, nut_share, predicted_frequency
+from ballscrew.axis.frequency import Rotor, nut_share, predicted_frequency, predicted_modes
 from ballscrew.axis.model import guide_friction, moving_mass, rotor_mass, screw_part, weight_on_nut
-from ballscrew.axis.rod import RodModes, rod_modes
+from ballscrew.axis.rod import rod_modes
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import with_uncertainty
 from ballscrew.base.arrays import Array
@@ -69,8 +69,7 @@ _RANK_TOLERANCE = 1e-12  # over the largest eigenvalue of AᵀA of the columns A
 # Share of the second mode over that of the axial mode; on 30 random axes, held at one end or both, it is 0.04
 # at most.
 _SIMILAR_SHARE = 0.5
-_ROTORS: tuple[Rotor, Rotor] = ("held", "free")
-_ELEMENTS = 40  # of a rod: its frequencies are exact to 0.01 %
+_ELEMENTS = 40  # of a rod: on ten random axes its frequencies are those of 400 to 1e-7
 _FORM_POSITIONS = 7  # number of positions of the table at which the curve is computed
 # Curve without a data sheet, times the square of half the travel. The best line through this parabola is off
 # at the ends by two thirds of the curve, 0.4 % of the compliance or 0.2 % of the frequency, as on random axes
@@ -173,7 +172,6 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
     form_curves = (0.0, 0.0)
     if not curved:
         form_curves = _form_curve(sheet, load, low, high, "free"), _form_curve(sheet, load, low, high, "held")
-    rotor_correction, screw_shift = _frame_constants(sheet, load, middle)
     return InitialValues(
         rotor_free=rotor_free,
         rotor_held=rotor_free * math.sqrt(rotor_mass(sheet) / (rotor_mass(sheet) + mass)),
@@ -185,47 +183,40 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
         lead=sheet.screw.lead / sheet.drive.ratio,
         curved=curved,
         form_curves=form_curves,
-        rotor_correction=rotor_correction,
-        screw_shift=screw_shift,
+        rotor_correction=_rotor_correction(sheet, load, middle),
+        screw_shift=_screw_shift(sheet, load, middle),
         sheet=sheet,
         load=load,
     )
 
 
-def _frame_constants(sheet: DataSheet, load: float, position: float) -> tuple[float, float]:
-    """Fields ``rotor_correction`` and ``screw_shift`` of AxialMode by a data sheet, at a position (m).
+def _rotor_correction(sheet: DataSheet, load: float, position: float) -> float:
+    """Field ``rotor_correction`` of AxialMode by a data sheet, at a position (m).
 
-    The correction is 1 where two modes have similar shares of the table's motion: either may be called the
-    axial one.
+    It is 1 where two modes have similar shares of the table's motion: either may be called the axial one.
     """
-    rotor_held, rotor_free = (
-        rod_modes(sheet, position, load, rotor=rotor, elements=_ELEMENTS) for rotor in _ROTORS
-    )
-    # Mass of the screw over the moving mass. The thread fills half of the space around the root.
-    thread = ((sheet.screw.nominal_diameter / sheet.screw.root_diameter) ** 2 - 1) / 2
-    screw = 3 * screw_part(sheet) * (1 + thread) / float(moving_mass(sheet, load))
-    shift = screw * (_screw_motion(rotor_held) - _screw_motion(rotor_held, power=2) / 2)
-    if max(_second_share(modes) for modes in (rotor_held, rotor_free)) > _SIMILAR_SHARE:
-        return 1.0, shift
-    # A frame acts on a mode by its participation factor, of the table (a lumped screw) or also of the screw.
-    free_participation, participation = (
-        modes.table_share[modes.first_axial] * (1 + screw * _screw_motion(modes)) ** (2 * FORM_MEAN)
-        for modes in (rotor_free, rotor_held)
-    )
-    squares = (rotor_free.axial_frequency / rotor_held.axial_frequency) ** 2
-    return float(free_participation / participation * squares), shift
+    rotor_free = predicted_modes(sheet, position, load, rotor="free")
+    rotor_held = predicted_modes(sheet, position, load, rotor="held")
+    if max(float(m.second_share / m.share) for m in (rotor_free, rotor_held)) > _SIMILAR_SHARE:
+        return 1.0
+    shares = rotor_free.share / rotor_held.share
+    return float(shares * (rotor_free.frequency / rotor_held.frequency) ** 2)
 
 
-def _screw_motion(modes: RodModes, power: int = 1) -> float:
-    """Mean along the screw of a power of its axial motion over that of the table, in the axial mode."""
-    motion = modes.axial[modes.first_axial] / modes.table[modes.first_axial]
-    return float(trapezoid(motion**power, modes.nodes) / np.ptp(modes.nodes))
+def _screw_shift(sheet: DataSheet, load: float, position: float) -> float:
+    """Field ``screw_shift`` of AxialMode by a data sheet, at a position (m).
 
-
-def _second_share(modes: RodModes) -> float:
-    """Second largest share of the table's motion, over the largest."""
+    It is that without a data sheet where two modes have similar shares of the table's motion.
+    """
+    modes = rod_modes(sheet, position, load, rotor="held", elements=_ELEMENTS)
     *_, second, first = np.sort(modes.table_share)
-    return float(second / first)
+    if second > _SIMILAR_SHARE * first:
+        return TYPICAL_SCREW_SHIFT
+    motion = modes.axial[modes.first_axial] / modes.table[modes.first_axial]  # of the screw over the table's
+    # The thread fills half of the space around the root.
+    thread = ((sheet.screw.nominal_diameter / sheet.screw.root_diameter) ** 2 - 1) / 2
+    mass_ratio = 3 * screw_part(sheet) * (1 + thread) / float(moving_mass(sheet, load))
+    return mass_ratio * float(trapezoid(motion - motion**2 / 2, modes.nodes) / np.ptp(modes.nodes))
 
 
 def _form_curve(sheet: DataSheet, load: float, low: float, high: float, rotor: Rotor) -> float:
