@@ -283,8 +283,9 @@ def test_a_frame_that_the_pitching_mode_imitates_explains_much_more_than_this_mo
     assert frame._pitching_imitates_frame(plain, profile) == (least < 0.41)
     assert (find_frame(plain, profile, pitch_measured=False) is not None) == found
     assert find_frame(plain, profile, pitch_measured=True) is None
-    motor = [make_block("torque-motor", plain.blocks[0].windows)]  # which does not pitch
-    assert not frame._pitching_imitates_frame(_plain(motor, plain.modes[:1]), profile)
+    motor = _plain([make_block("torque-motor", plain.blocks[0].windows)], plain.modes[:1])
+    monkeypatch.setattr(frame, "fit_modes", None)  # no fit: the motor does not pitch
+    assert not frame._pitching_imitates_frame(motor, profile)
 
 
 def test_the_search_is_not_repeated_without_a_response_of_the_nut(
