@@ -105,8 +105,11 @@ def test_without_fork(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert_same(tmp_path / "a.npz")
 
 
-@needs_fork
-def test_files_whose_reader_crashes_or_does_not_end(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("fork", [pytest.param(True, marks=needs_fork), False])
+def test_files_whose_reader_crashes_or_does_not_end(
+    data: Path, monkeypatch: pytest.MonkeyPatch, fork: bool
+) -> None:
+    monkeypatch.setattr(process, "_CAN_FORK", fork)
     path = data / "hostile" / "hdf5-lzf-633.h5"
     with pytest.raises(InputError, match=r"hdf5-lzf-633\.h5: cannot be read"):
         read(path)
@@ -114,6 +117,56 @@ def test_files_whose_reader_crashes_or_does_not_end(data: Path, monkeypatch: pyt
     for name in ("hdf5-contig-1454.h5", "netcdf4-761.nc"):
         with pytest.raises(InputError, match=f"{name}.*cannot be read within"):
             read(data / "hostile" / name)
+
+
+READER_THAT_ENDS = """
+import json, os, signal, sys, time; sys.path[:] = json.loads(sys.argv[1])
+from ballscrew.recording.readers.npz import NpzReader
+from ballscrew.recording.readers.server import main
+NpzReader.read_header = lambda self, path: {end}
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("end", "message"),
+    [
+        ("os.kill(os.getpid(), signal.SIGSEGV)", "its reader crashes"),
+        ("os.kill(os.getpid(), signal.SIGTERM)", "ended from outside; try again"),
+        ("os._exit(1)", "ended from outside; try again"),
+        ("time.sleep(60)", "cannot be read within"),
+    ],
+)
+def test_how_a_reader_ended_without_fork(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, end: str, message: str
+) -> None:
+    monkeypatch.setattr(process, "_CAN_FORK", False)
+    monkeypatch.setattr(process, "_PROGRAM", READER_THAT_ENDS.format(end=end))
+    if "sleep" in end:
+        timer = process.threading.Timer
+        monkeypatch.setattr(process.threading, "Timer", lambda _, end: timer(5.0, end))
+    MAKERS["a.npz"](tmp_path / "a.npz")
+    with pytest.raises(InputError, match=message):
+        read(tmp_path / "a.npz")
+
+
+def test_status_of_a_crash_on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Crashed:
+        returncode = 0xC0000005
+        stdin = stdout = io.BytesIO()
+
+        def __enter__(self) -> Crashed:
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+        def wait(self, _: float) -> None: ...
+
+        def kill(self) -> None: ...
+
+    monkeypatch.setattr(process, "_start", lambda *_, **__: Crashed())
+    with process._own_process(10.0) as session:
+        assert session.ended_by() == signal.SIGSEGV
 
 
 @needs_fork

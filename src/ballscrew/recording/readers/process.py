@@ -46,12 +46,23 @@ _PROGRAM = (
     "from ballscrew.recording.readers.server import main; main()"
 )
 _OUT_OF_TIME = {getattr(signal, name, -1) for name in ("SIGXCPU", "SIGALRM")}
+_LATE = getattr(signal, "SIGXCPU", -1)
+_CRASH_STATUS = 0xC0000000  # of a process on Windows, and above
 _FROM_OUTSIDE = {0, signal.SIGTERM, signal.SIGINT, getattr(signal, "SIGKILL", -1)}  # 0: while it sent samples
 _ENVIRONMENT = {  # few threads and arenas, each of which takes address space
     "OPENBLAS_NUM_THREADS": "1",
     "MALLOC_ARENA_MAX": "2",
     "ARROW_DEFAULT_MEMORY_POOL": "system",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class _Session:
+    """Streams from and to a process that reads a file, and the signal that ended it: 0 if not known."""
+
+    source: BinaryIO
+    sink: BinaryIO
+    ended_by: Callable[[], int] = lambda: 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +143,7 @@ def _in_process(path: Path, before: list[int]) -> Iterator[OpenFile]:
     }
     with ExitStack() as stack:
 
-        def begin(kind: bytes) -> tuple[BinaryIO, BinaryIO]:
+        def begin(kind: bytes) -> _Session:
             try:
                 return stack.enter_context(_session(kind, 6 * seconds + 30))
             except ConnectionError:
@@ -140,10 +151,10 @@ def _in_process(path: Path, before: list[int]) -> Iterator[OpenFile]:
 
         def ask(message: dict[str, Any]) -> dict[str, Any]:
             try:
-                send(sink, message)
-                answer = receive(source)
+                send(session.sink, message)
+                answer = receive(session.source)
             except (OSError, ValueError, SessionEndError):
-                answer = {"signal": 0}
+                answer = {"signal": session.ended_by()}
             if "error" in answer:
                 raise InputError(str(answer["error"]))
             if "signal" in answer:
@@ -154,14 +165,14 @@ def _in_process(path: Path, before: list[int]) -> Iterator[OpenFile]:
             names = list(dict.fromkeys(names))
             described = ask({"names": names})["arrays"]
             try:
-                return {each[0]: _array(source, path, *each) for each in described}
+                return {each[0]: _array(session.source, path, *each) for each in described}
             except (OSError, ValueError, SessionEndError):
-                raise _end_of_process(path, 0, seconds) from None
+                raise _end_of_process(path, session.ended_by(), seconds) from None
 
-        source, sink = begin(_kind_of(path))
+        session = begin(_kind_of(path))
         answer = ask(request)
         if UNCOMMON_UNIT in answer:
-            source, sink = begin(OTHER)
+            session = begin(OTHER)
             answer = ask(request)
         if "header" not in answer:
             raise _end_of_process(path, 0, seconds)
@@ -222,27 +233,50 @@ def _kind_of(path: Path) -> bytes:
 
 
 @contextmanager
-def _session(kind: bytes, seconds: float) -> Iterator[tuple[BinaryIO, BinaryIO]]:
-    """Streams from and to a process that reads one file, with the libraries for a kind."""
+def _session(kind: bytes, seconds: float) -> Iterator[_Session]:
+    """Session with a process that reads one file, with the libraries for a kind."""
     if not _CAN_FORK:
-        with _start(-1, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-            timer = threading.Timer(seconds, process.kill)
-            timer.start()
-            try:
-                yield cast("BinaryIO", process.stdout), cast("BinaryIO", process.stdin)
-            finally:
-                timer.cancel()
-                process.kill()
+        with _own_process(seconds) as session:
+            yield session
         return
     with _connect(kind) as connection:
         connection.settimeout(seconds)
         with connection.makefile("rb") as source:
             sink = connection.makefile("wb")
             try:
-                yield source, sink
+                yield _Session(source, sink)
             finally:
                 with suppress(OSError):  # what the other side can no longer receive
                     sink.close()
+
+
+@contextmanager
+def _own_process(seconds: float) -> Iterator[_Session]:
+    """Session with a process that is started for one file."""
+    late = threading.Event()
+
+    def end() -> None:
+        late.set()
+        process.kill()
+
+    def ended_by() -> int:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(0.5)  # the end of its streams comes before its own
+        status = process.returncode or 0
+        if late.is_set():
+            return _LATE
+        if status >= _CRASH_STATUS:
+            return signal.SIGSEGV
+        return max(-status, 0)
+
+    with _start(-1, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        timer = threading.Timer(seconds, end)
+        timer.start()
+        try:
+            yield _Session(cast("BinaryIO", process.stdout), cast("BinaryIO", process.stdin), ended_by)
+        finally:
+            timer.cancel()
+            process.kill()
 
 
 class _Server:
