@@ -229,10 +229,12 @@ def test_an_unusable_baseline_is_refused(runs, message):
         {"false_alarm": 0.95},
         {"power": 1.0},
         {"power": math.nan},
+        {"power": "0.9"},
         {"after": ()},
         {"after": (0,)},
         {"after": (1.5,)},
         {"baseline_runs": 0},
+        {"baseline_runs": 2.5},
     ],
 )
 def test_probabilities_and_counts_out_of_range_are_refused(change):

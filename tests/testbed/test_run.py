@@ -122,6 +122,11 @@ def test_a_folder_that_cannot_be(tmp_path):
         simulate_run(example_rig(), SHORT, LOAD, tmp_path / "file")
 
 
+def test_a_negative_seed(tmp_path):
+    with pytest.raises(InputError, match="seed is -1; it must be a whole number, 0 or more"):
+        simulate_run(example_rig(), SHORT, LOAD, tmp_path, seed=-1)
+
+
 def test_a_plan_that_leaves_the_screw(tmp_path):
     with pytest.raises(InputError, match="not on the screw"):
         simulate_run(example_rig(), replace(SHORT, positions=(0.0, 2.0)), LOAD, tmp_path)

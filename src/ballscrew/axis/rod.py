@@ -20,7 +20,8 @@ from ballscrew.axis.given import positive
 from ballscrew.axis.model import drive_compliance, kappa, moving_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
-from ballscrew.base.errors import InputError, shown
+from ballscrew.base.errors import InputError
+from ballscrew.base.settings import check_whole
 
 _MOST_ELEMENTS = 2000
 # An element shorter than this part of the screw is so stiff that it drowns its neighbours in round-off.
@@ -185,8 +186,8 @@ def rod_modes(
         raise InputError(
             "rod_modes takes one position, load and preload at a time; rod_frequency takes arrays"
         )
-    _check_count("elements", elements, 2, _MOST_ELEMENTS)
-    _check_count("modes", count, 1, elements)
+    check_whole("elements", elements, 2, _MOST_ELEMENTS)
+    check_whole("count", count, 1, elements)
     if nut_rigidity is None:
         nut = kappa(sheet) * math.cbrt(sheet.nominal_preload if preload is None else preload)
     else:
@@ -311,11 +312,3 @@ def _modes(
         first_axial=first,
         equivalent_mass=equivalent,
     )
-
-
-def _check_count(name: str, given: object, least: int, most: int) -> None:
-    whole = isinstance(given, (int, np.integer)) and not isinstance(given, bool)
-    if not whole or not least <= int(given) <= most:  # type: ignore[call-overload]
-        raise InputError(
-            f"{shown(given)} {name} were asked for; it must be a whole number, {least} to {most}."
-        )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from datetime import datetime
+from numbers import Integral, Real
 
 from ballscrew.base.errors import InputError, shown
 
@@ -39,11 +40,34 @@ def check_setting(
     InputError
         If it is not.
     """
-    is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    is_number = not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value)
     if is_number and least <= value <= most and value > above:  # type: ignore[operator]
         return
     allowed = f"a number, {limits_in_words(least, above, most)}".removesuffix(", ")
     raise InputError(f"{name} is {shown(value)}; it must be {allowed}.")
+
+
+def check_whole(name: str, value: object, least: int, most: float = math.inf) -> None:
+    """Check that a setting is a whole number within its limits.
+
+    Parameters
+    ----------
+    name : str
+        Name of the setting, for the message.
+    value : object
+        Its value.
+    least, most : float
+        Limits, both allowed.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    is_whole = not isinstance(value, bool) and isinstance(value, Integral)
+    if not is_whole or not least <= value <= most:  # type: ignore[operator]
+        limits = limits_in_words(least, -math.inf, most)
+        raise InputError(f"{name} is {shown(value)}; it must be a whole number, {limits}.")
 
 
 def timestamp(text: str | datetime, where: str) -> str:

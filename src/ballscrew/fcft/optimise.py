@@ -17,6 +17,7 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.result import PlottedResult
+from ballscrew.base.settings import check_setting
 from ballscrew.base.threads import single_threaded
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.fcft.plan_information import (
@@ -207,9 +208,8 @@ def optimise(
     validate_plan(plan, sheet)
     validate_plan(replace(plan, preloads=forces), sheet)
     times = change_minutes, adjust_minutes
-    for minutes, what in ((change_minutes, "change the load"), (adjust_minutes, "set another preload")):
-        if not 0 <= minutes <= _MOST_MINUTES:
-            raise InputError(f"{minutes:g} minutes to {what} were given; it must be 0 to {_MOST_MINUTES:g}.")
+    check_setting("change_minutes", change_minutes, least=0.0, most=_MOST_MINUTES)
+    check_setting("adjust_minutes", adjust_minutes, least=0.0, most=_MOST_MINUTES)
     if scatter is None:
         scatter = default_scatter(sheet)
     span = plan.positions[0], plan.positions[-1]
@@ -255,8 +255,7 @@ def _loads(plan: Plan, given: Sequence[float] | None) -> tuple[float, ...]:
     if not loads or len(loads) > _MOST_LOADS or len(set(loads)) < len(loads):
         raise InputError(f"the loads must be 1 to {_MOST_LOADS}, each given once; {len(loads)} were given.")
     for load in loads:
-        if not 0 <= load <= 1e6:
-            raise InputError(f"a load of {load:g} kg was given; it must be from 0 kg to 1e6 kg.")
+        check_setting("a load, in kg,", load, least=0.0, most=1e6)
     return tuple(sorted(loads))
 
 
@@ -267,8 +266,7 @@ def _preloads(plan: Plan, given: Sequence[float] | None) -> tuple[float, ...]:
             f"the preloads must be {_MOST_LOADS} or fewer, each given once; {len(preloads)} were given."
         )
     for preload in preloads:
-        if not 0 < preload < math.inf:
-            raise InputError(f"a preload of {preload:g} N was given; it must be more than 0 N.")
+        check_setting("a preload, in N,", preload, above=0.0)
     return tuple(sorted(preloads))
 
 

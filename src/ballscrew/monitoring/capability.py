@@ -22,6 +22,7 @@ from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.base.result import PlottedResult, first_sentences
+from ballscrew.base.settings import check_setting, check_whole
 from ballscrew.base.threads import single_threaded
 from ballscrew.base.words import percent, plural
 from ballscrew.calibration.bearing import single_run_note
@@ -48,6 +49,7 @@ AFTER = (1, 3, 10)
 """Numbers of runs after which it is reported."""
 BASELINE = 5
 """Runs of a baseline that is still to be measured."""
+_MOST_RUNS = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,15 +239,13 @@ def _setups(test: Plan, sheet: DataSheet, runs: Sequence[Run]) -> list[tuple[flo
 
 
 def _check(after: Sequence[int], false_alarm: float, power: float, baseline_runs: int) -> None:
-    if not after or not all(isinstance(n, int) and 1 <= n <= 10_000 for n in after):
-        raise InputError(f"runs {tuple(after)} were given; each must be a whole number from 1 to 10000.")
-    if not 1e-9 <= false_alarm < power <= 0.9999:
-        raise InputError(
-            f"a false alarm rate of {false_alarm:g} and a power of {power:g} were given; the first must be "
-            "1e-9 or more, the second 0.9999 or less and more than the first."
-        )
-    if not 1 <= baseline_runs <= 10_000:
-        raise InputError(f"a baseline of {baseline_runs} runs was given; it must be from 1 to 10000.")
+    if not after:
+        raise InputError("after is empty; it must be one or more numbers of runs.")
+    for runs in after:
+        check_whole("a number of runs", runs, 1, _MOST_RUNS)
+    check_setting("false_alarm", false_alarm, least=1e-9, most=0.9999)
+    check_setting("power", power, above=false_alarm, most=0.9999)
+    check_whole("baseline_runs", baseline_runs, 1, _MOST_RUNS)
 
 
 def known_axis(

@@ -19,6 +19,7 @@ from ballscrew.axis.sheet_file import axis_toml
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress, replacing, write_text
+from ballscrew.base.settings import check_whole
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.nutload import hardest, nut_load
 from ballscrew.fcft.plan import Plan, validate_plan
@@ -101,8 +102,9 @@ def simulate_run(
     Raises
     ------
     InputError
-        If the plan does not suit the axis, or a file cannot be written.
+        If the plan does not suit the axis, the seed is negative, or a file cannot be written.
     """
+    check_whole("seed", seed, 0)
     validate_plan(plan, rig.machine.sheet)
     report = progress or ignore_progress
     measured = [trip for trip in trips(plan) if trip.repetition]

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from scipy.special import ndtri
 
-from ballscrew.base.errors import InputError, shown
-from ballscrew.base.settings import check_setting
+from ballscrew.base.errors import InputError
+from ballscrew.base.settings import check_setting, check_whole
 from ballscrew.calibration.assumptions import Assumptions
 
 _MOST_ALARMS = 52.0  # a year: more than one a week would be ignored
@@ -87,9 +87,7 @@ class MonitorSettings:
         for name in _NOT_NEGATIVE:
             check_setting(name, getattr(self, name), least=0.0)
         for name, least in _LEAST_WHOLE.items():
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise InputError(f"{name} is {shown(value)}; it must be a whole number, {least} or more.")
+            check_whole(name, getattr(self, name), least)
         if 0 < self.repeats_per_year < 1:
             raise InputError(f"repeats_per_year is {self.repeats_per_year:g}; it must be 0, or 1 or more.")
         for name in ("odd", "odd_stays", "suspect"):
