@@ -16,7 +16,7 @@ def test_numbers_of_any_kind(value):
 
 @pytest.mark.parametrize("value", [-1, 4.0, float("nan"), float("inf"), True, np.True_, 1j, "2", None])
 def test_what_is_no_number_in_the_range(value):
-    with pytest.raises(InputError, match="width is .*; it must be a number, 0 or more and 3 or less"):
+    with pytest.raises(InputError, match=r"width is .*; it must be a number, 0 or more and 3 or less"):
         check_setting("width", value, least=0.0, most=3.0)
 
 
@@ -27,5 +27,5 @@ def test_whole_numbers_of_any_kind(value):
 
 @pytest.mark.parametrize("value", [0, 4, 2.0, True, "2", None])
 def test_what_is_no_whole_number_in_the_range(value):
-    with pytest.raises(InputError, match="runs is .*; it must be a whole number, 1 or more and 3 or less"):
+    with pytest.raises(InputError, match=r"runs is .*; it must be a whole number, 1 or more and 3 or less"):
         check_whole("runs", value, 1, 3)
