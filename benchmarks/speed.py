@@ -77,7 +77,7 @@ def median_of(command: Sequence[str], rounds: int) -> Spent:
 
 def joint_alone(run: Path, rounds: int) -> list[float]:
     """The joint estimator on a run's signals, all in memory: s by the clock and of the processor."""
-    job = Job.of(run, None, None, None, None, None, None)
+    job = Job.read(run)
     load, settings = job.mass or 0.0, JointSettings()
     measured = measure(
         job.files,

@@ -23,7 +23,7 @@ from ballscrew.calibration.assumptions import FORM, Assumptions
 from ballscrew.calibration.bearing import bearing_share
 from ballscrew.calibration.calibration import calibrate, solve_calibration
 from ballscrew.calibration.covariance import FLOOR
-from ballscrew.calibration.identifiability import directions
+from ballscrew.calibration.identifiability import describe_directions
 from ballscrew.calibration.model_forms import EQ3, model_forms, without_rotor
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.calibration.sampler import sample_posterior
@@ -504,7 +504,7 @@ def test_directions_without_information_do_not_depend_on_the_basis(experiment, s
     size = len(fit.information)
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(size, size)))[0]
     turned = replace(fit, directions=fit.directions @ turn, information=turn.T @ fit.information @ turn)
-    rows, again = directions(fit), directions(turned)
+    rows, again = describe_directions(fit), describe_directions(turned)
     assert [row["sentence"] for row in again] == [row["sentence"] for row in rows]
     for row, other in zip(rows, again, strict=True):
         assert other["parts"] == pytest.approx(row["parts"], abs=1e-4)

@@ -11,7 +11,7 @@ from tests.calibration.tables import table
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
-from ballscrew.calibration.covariance import covariance, joint_covariance
+from ballscrew.calibration.covariance import joint_covariance, run_covariance
 from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.modal.cell import SharedError
 from ballscrew.modal.reason import Reason
@@ -51,9 +51,9 @@ def test_the_variance_of_a_cell_is_its_own_and_the_shared(experiment) -> None:
     run = experiment()[0]
     table = frequency_table(run)
     np.testing.assert_allclose(
-        np.diag(covariance(table)), [c.standard_uncertainty_Hz**2 for c in run.cells], rtol=1e-9
+        np.diag(run_covariance(table)), [c.standard_uncertainty_Hz**2 for c in run.cells], rtol=1e-9
     )
-    assert covariance(table)[0, -1] > 0 or covariance(table)[0, 4] > 0
+    assert run_covariance(table)[0, -1] > 0 or run_covariance(table)[0, 4] > 0
     assert table.frequency.tolist() == [c.frequency_Hz for c in run.cells]
 
 
@@ -85,7 +85,7 @@ def test_what_repeats_correlates_from_run_to_run(experiment) -> None:
     wanted = 0.9 * repeating.T @ runs[1].shared[runs[1].repeats]
     np.testing.assert_allclose(whole[:n, n:], wanted, atol=1e-12)
     assert np.linalg.eigvalsh(whole).min() > -1e-9
-    np.testing.assert_allclose(whole[:n, :n], covariance(runs[0]))
+    np.testing.assert_allclose(whole[:n, :n], run_covariance(runs[0]))
     assert not joint_covariance(runs, 0.0)[:n, n:].any()
 
 
@@ -96,7 +96,7 @@ def test_an_older_joint_document_shares_level_and_tilt(experiment) -> None:
         for c in run.cells
     )
     table = frequency_table(replace(run, cells=cells))
-    matrix = covariance(table)
+    matrix = run_covariance(table)
     np.testing.assert_allclose(np.diag(matrix), 0.25, rtol=1e-9)
     assert matrix[0, 1] == pytest.approx(0.25)  # the same stop
     assert matrix[0, -1] == pytest.approx(0.0, abs=1e-9)  # the ends of the travel

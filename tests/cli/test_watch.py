@@ -25,7 +25,7 @@ RUNS = {f"day-{index:02d}": run for index, run in enumerate(history(range(4), wo
 
 def analyzed(source: Path) -> Run:
     """Made run of that name, of the recordings and documents that the folder has now."""
-    job = Job.of(source, None, None, None, None, None, None)
+    job = Job.read(source)
     files = tuple(FileRef(path.name, hash_file(path)) for path in job.files if isinstance(path, Path))
     identity = job.identity(files, job.measured_at)
     run = RUNS[source.parent.name.removesuffix(" copy")]

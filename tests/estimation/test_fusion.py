@@ -9,7 +9,7 @@ import pytest
 from tests.estimation.made_runs import BEARING, MODEL, run_of
 
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.calibration.covariance import covariance, joint_covariance
+from ballscrew.calibration.covariance import joint_covariance, run_covariance
 from ballscrew.calibration.frequency_table import frequency_table, paired_cells
 from ballscrew.estimation.change import change_covariance
 from ballscrew.estimation.compliance import change_from_model, change_since
@@ -62,7 +62,7 @@ def test_without_a_baseline_the_terms_are_the_runs_own_covariance() -> None:
     change = change_from_model(run, MODEL, BEARING, NOTHING)
     part = 2 * (1 + change.y) / run.frequency
     np.testing.assert_allclose(
-        change_covariance(change, floor=False), part[:, None] * covariance(run) * part, atol=1e-14
+        change_covariance(change, floor=False), part[:, None] * run_covariance(run) * part, atol=1e-14
     )
 
 

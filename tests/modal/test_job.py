@@ -45,7 +45,7 @@ def folder(tmp_path: Path) -> Path:
 
 def job(files, **given):
     names = ("channels", "axis", "plan", "mass", "measured_at", "temperature")
-    return Job.of(files, **{name: given.get(name) for name in names})
+    return Job.read(files, **{name: given.get(name) for name in names})
 
 
 def test_what_run_toml_says(folder):
@@ -154,10 +154,10 @@ def test_the_identity_is_of_all_that_was_said_and_measured(folder):
 def test_a_missing_file_is_named_before_a_missing_channel_map(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     with pytest.raises(InputError, match=r"a\.csv: cannot be read"):
-        Job.of(path, None, None, None, None, None, None)
+        Job.read(path)
     path.touch()
     with pytest.raises(InputError, match="no channel map is given"):
-        Job.of(path, None, None, None, None, None, None)
+        Job.read(path)
 
 
 @pytest.mark.parametrize(

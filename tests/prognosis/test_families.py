@@ -11,7 +11,7 @@ from ballscrew.axis.wear import WEAR_LAWS
 from ballscrew.prognosis.families import (
     FAMILIES,
     LAW_EXPONENTS,
-    NUMBERS,
+    N_PARAMETERS,
     FamilyPrior,
     named_laws,
     remaining_part,
@@ -19,7 +19,7 @@ from ballscrew.prognosis.families import (
 )
 
 PRIOR = FamilyPrior()
-Z = np.random.default_rng(1).standard_normal((200, NUMBERS))
+Z = np.random.default_rng(1).standard_normal((200, N_PARAMETERS))
 BY_NAME = {family.name: family for family in FAMILIES}
 
 
@@ -63,7 +63,7 @@ def test_a_course_begins_at_the_onset_and_never_falls(family) -> None:
 def test_the_pace_of_each_family() -> None:
     pace = {}
     for name, family in BY_NAME.items():
-        cloud = family.cloud(np.zeros((1, NUMBERS)), PRIOR, 100.0)
+        cloud = family.cloud(np.zeros((1, N_PARAMETERS)), PRIOR, 100.0)
         pace[name] = np.diff(cloud.course(np.arange(20.0, 300.0)))[0]
     assert pace["straight line"] == pytest.approx(1)
     assert (np.diff(pace["law of wear, by time"]) < 0).all()
@@ -79,7 +79,7 @@ def test_the_nearest_law_is_named() -> None:
 def test_a_family_names_the_numbers_it_uses() -> None:
     """A number that is not used changes no member."""
     for family in FAMILIES:
-        unused = [k for k in range(NUMBERS) if k not in family.free]
+        unused = [k for k in range(N_PARAMETERS) if k not in family.free]
         other = Z.copy()
         other[:, unused] = 7.0
         first, second = (family.cloud(z, PRIOR, 60.0) for z in (Z, other))

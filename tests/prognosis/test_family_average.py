@@ -11,7 +11,7 @@ from tests.prognosis.lives import QUICK, end, healthy, made, remaining
 
 from ballscrew.base.errors import InputError
 from ballscrew.prognosis.failure import Failure
-from ballscrew.prognosis.families import FAMILIES, NUMBERS, FamilyPrior
+from ballscrew.prognosis.families import FAMILIES, N_PARAMETERS, FamilyPrior
 from ballscrew.prognosis.family_average import FamilyAverage, first_below, weigh_families
 from ballscrew.prognosis.family_process import AHEAD, FamilyFit
 from ballscrew.prognosis.forecast import FAN
@@ -65,7 +65,7 @@ def test_an_exponential_is_followed() -> None:
 
 def scored(score: float, below: float, family: int) -> FamilyFit:
     scores, transforms = np.full((40, 4), score), np.full((40, 4), below)
-    cloud = FAMILIES[family].cloud(np.zeros((1, NUMBERS)), FamilyPrior(), 1.0)
+    cloud = FAMILIES[family].cloud(np.zeros((1, N_PARAMETERS)), FamilyPrior(), 1.0)
     fit = FamilyFit(FAMILIES[family], cloud, np.ones(1), np.zeros(1), scores, transforms)
     for column, k in enumerate(AHEAD):
         fit.score[:k, column] = np.nan
@@ -86,14 +86,14 @@ def test_past_forecasts_that_were_too_narrow_widen_the_next() -> None:
 
 def test_a_healthy_history_has_an_open_end() -> None:
     result = QUICK.forecast(healthy(30), HALF)
-    assert not result.known
+    assert not result.has_median
     assert result.quantile(0.95) == math.inf
     assert "open" in result.text or "No end is in sight" in result.text
     assert result.begun < 0.7
 
 
 def test_a_single_run_gives_no_forecast() -> None:
-    assert not QUICK.forecast(preload_history([0.0], [0.0], [0.005]), HALF).known
+    assert not QUICK.forecast(preload_history([0.0], [0.0], [0.005]), HALF).has_median
 
 
 def test_wear_of_few_precise_runs_is_no_outlier() -> None:

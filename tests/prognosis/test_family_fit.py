@@ -22,7 +22,7 @@ ONE = FamilyPrior(
     rate=1e-3, rate_spread=0.0, onset=1e-6, noise=1.0, noise_spread=0.0, walk=1.0, walk_spread=0.0
 )
 LINE = Family("straight line")
-READINGS = replace(readings_of(made(30), 50), warmer=np.zeros(31))
+READINGS = replace(readings_of(made(30), 50), temperature=np.zeros(31))
 PRIOR = FamilyPrior()
 
 
@@ -90,7 +90,7 @@ def test_the_posterior_of_the_onset_is_that_of_a_grid() -> None:
     log_density = []
     for onset in grid.tolist():
         since = np.maximum(duty - onset, 0.0)
-        covariance = (prior.rate * since)[:, None] * (prior.rate * since) + readings.start**2
+        covariance = (prior.rate * since)[:, None] * (prior.rate * since) + readings.start_deviation**2
         covariance += walk * np.minimum(since[:, None], since) + np.diag(noise)
         log_density.append(multivariate_normal.logpdf(z, np.zeros(len(z)), covariance))
     log_density = np.array(log_density) - 2 * np.log(prior.onset + grid)

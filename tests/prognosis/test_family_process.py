@@ -10,13 +10,15 @@ from scipy.special import log_ndtr
 from scipy.stats import multivariate_normal
 from tests.prognosis.lives import made
 
-from ballscrew.prognosis.families import FAMILIES, NUMBERS, Family, FamilyPrior, wear_depth
+from ballscrew.prognosis.families import FAMILIES, N_PARAMETERS, Family, FamilyPrior, wear_depth
 from ballscrew.prognosis.family_process import AHEAD, evidence_of
 from ballscrew.prognosis.readings import readings_of
 
 MEMBERS = 5
 READINGS = replace(
-    readings_of(made(24), 50), warmer=3 * np.random.default_rng(2).standard_normal(25), start=0.02
+    readings_of(made(24), 50),
+    temperature=3 * np.random.default_rng(2).standard_normal(25),
+    start_deviation=0.02,
 )
 
 
@@ -31,7 +33,7 @@ DUTIES = {
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.name)
 def test_evidence_and_forecasts_are_those_of_the_whole_covariance(family: Family, duty: np.ndarray) -> None:
     random = np.random.default_rng(1)
-    z = np.zeros((MEMBERS, NUMBERS))
+    z = np.zeros((MEMBERS, N_PARAMETERS))
     z[:, family.free] = random.standard_normal((MEMBERS, len(family.free)))
     cloud = family.cloud(z, FamilyPrior(), float(duty[-1]))
     found = evidence_of(cloud, duty, READINGS)

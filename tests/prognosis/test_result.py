@@ -73,10 +73,10 @@ def test_sentences_of_small_numbers() -> None:
 
 def test_the_statement_follows_the_standard() -> None:
     assert WORN_RESULT.statement[0].startswith("Failure mode: the preload falls below 50 %")
-    assert WORN_RESULT.statement[1].startswith("Time to it: not before ")
+    assert WORN_RESULT.statement[1].startswith("Time to failure: not before ")
     assert "not before" in WORN_RESULT.statement[2]
     assert "km" in WORN_RESULT.statement[2]
-    assert WORN_RESULT.statement[3].startswith("Course of wear, by how each predicted the runs so far: ")
+    assert WORN_RESULT.statement[3].startswith("Wear families, weighted by past forecasts: ")
     assert WORN_RESULT.assumptions
     assert WORN_RESULT.would_change
 

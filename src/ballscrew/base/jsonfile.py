@@ -24,7 +24,7 @@ def plain(value: Any, digits: int = 9) -> Any:
     value : object
         Dataclasses, dicts, sequences, numbers, texts; NumPy scalars and arrays too.
     digits : int
-        Significant digits kept: enough for any measurement, few enough to read.
+        Significant digits: enough for any measurement, few enough to read.
 
     Returns
     -------
@@ -88,11 +88,11 @@ def read_json(path: str | Path) -> dict[str, Any]:
         document = json.loads(text, parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not JSON ({error}).") from None
-    if not isinstance(document, dict) or isinstance(document.get("schema"), bool):
-        raise InputError(f"{path}: is not a result of ballscrew: it has no schema version.")
+    if not isinstance(document, dict):
+        document = {}
     version = document.get("schema")
-    if not isinstance(version, int) or version < 1:
-        raise InputError(f"{path}: schema is {version!r}; it must be {SCHEMA}.")
+    if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+        raise InputError(f"{path}: is not a result of ballscrew: it has no schema version.")
     if version < SCHEMA:
         raise InputError(
             f"{path}: was written by a version of ballscrew before the first release (schema {version}); "

@@ -70,7 +70,7 @@ class AnchorRow:
     law: float = 0.0
 
     def slopes(self, unknowns: int) -> Array:
-        """Derivatives of ``log_preload`` by the unknowns of the fit, shape (unknowns,)."""
+        """Derivatives of ``log_preload`` with respect to the unknowns of the fit, shape (unknowns,)."""
         row = np.zeros(unknowns)
         row[PARAMETERS.index("preload")] = 1.0
         if self.group > 0:

@@ -28,7 +28,12 @@ from ballscrew.calibration.conventions import (
 )
 from ballscrew.calibration.covariance import FLOOR, WORN_NUT
 from ballscrew.calibration.fit import SIZE, Fit, goodness_of_fit, scaled, solve
-from ballscrew.calibration.identifiability import directions, posterior_covariance, quantities, rank_doubts
+from ballscrew.calibration.identifiability import (
+    describe_directions,
+    describe_quantities,
+    posterior_covariance,
+    rank_doubts,
+)
 from ballscrew.calibration.method import method_of
 from ballscrew.calibration.model_forms import SINGLE_END, ModelForm, model_forms
 from ballscrew.calibration.model_selection import SelectedForm, select_form
@@ -220,8 +225,8 @@ def solve_calibration(
         temperature=temperature,
         conventions=conventions,
         knowledge=(
-            *quantities(fit),
-            *directions(fit),
+            *describe_quantities(fit),
+            *describe_directions(fit),
             *next_measurements(prepared, fit, goodness.scale, sheet),
         ),
         made=_made(sheet, known, assumptions),

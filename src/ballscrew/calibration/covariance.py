@@ -53,7 +53,7 @@ class ExperimentVariation:
     assumptions: Assumptions = DEFAULT_ASSUMPTIONS
 
 
-def covariance(run: FrequencyTable) -> Array:
+def run_covariance(run: FrequencyTable) -> Array:
     """Covariance of a run's frequencies, Hz², shape (n, n)."""
     return np.asarray(run.shared.T @ run.shared + np.diag(run.own**2))
 
@@ -83,7 +83,7 @@ def joint_covariance(runs: Sequence[FrequencyTable], correlation: float = REPEAT
     repeating = list(map(repeating_effects, runs))
     total = np.zeros((size, size))
     for i, run in enumerate(runs):
-        total[spans[i], spans[i]] = covariance(run)
+        total[spans[i], spans[i]] = run_covariance(run)
         for j in range(i):
             for key in sorted(repeating[i].keys() & repeating[j].keys()):
                 common = error_correlation(key[0], correlation)

@@ -44,7 +44,7 @@ class Problem:
     covariance : ndarray, shape (n + m, n + m)
         Of ``observed``.
     anchors : ndarray, shape (m, unknowns)
-        Derivatives of the anchors by the unknowns.
+        Derivatives of the anchors with respect to the unknowns.
     mean, prior : ndarray, shape (unknowns,), (unknowns, unknowns)
         Mean and covariance of the unknowns before any data; an unknown with an infinite mean is fixed.
     worn_nut : ndarray, shape (n,)
@@ -95,7 +95,7 @@ class Problem:
         return np.concatenate([by_model + self.worn_nut * log_ratio, anchors])
 
     def jacobian(self, unknown: Array) -> Array:
-        """Derivatives of :meth:`predicted` by the unknowns, shape (n + m, unknowns)."""
+        """Derivatives of :meth:`predicted` with respect to the unknowns, shape (n + m, unknowns)."""
         model = from_vector(unknown[:SIZE], self.centre)
         slopes = gradient(model, self.position, self.load, np.exp(self._log_ratio(unknown)))
         cells = np.zeros((len(self.position), len(unknown)))

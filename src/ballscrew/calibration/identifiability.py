@@ -43,7 +43,7 @@ def covariance_by_rows(prior_directions: Array, slopes: Array, covariance: Array
     prior_directions : ndarray, shape (unknowns, k)
         Root H of the prior covariance H Hᵀ.
     slopes : ndarray, shape (n, unknowns)
-        Derivatives of the rows by the unknowns.
+        Derivatives of the rows with respect to the unknowns.
     covariance : ndarray, shape (n, n)
         Of the rows.
 
@@ -57,7 +57,7 @@ def covariance_by_rows(prior_directions: Array, slopes: Array, covariance: Array
     return np.asarray(prior_directions @ inverse @ prior_directions.T)
 
 
-def quantities(fit: Fit) -> tuple[dict[str, object], ...]:
+def describe_quantities(fit: Fit) -> tuple[dict[str, object], ...]:
     """Standard uncertainty of each unknown before and after the calibration, relative to its value.
 
     Parameters
@@ -128,7 +128,7 @@ def rank_doubts(fit: Fit) -> list[Doubt]:
     return [Doubt("rank", text)]
 
 
-def directions(fit: Fit) -> tuple[dict[str, object], ...]:
+def describe_directions(fit: Fit) -> tuple[dict[str, object], ...]:
     """Independent combinations of the unknowns, those best determined by the data first.
 
     They are the eigenvectors of the data's information in units of the prior's. Those without information

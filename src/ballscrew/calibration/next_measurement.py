@@ -150,7 +150,7 @@ def _with_known_preload(fit: Fit, spread: float) -> Array:
     """Covariance of the unknowns after a known P_ref of this relative standard uncertainty."""
     row = np.zeros((1, len(fit.unknown)))
     row[0, _PRELOAD] = 1.0
-    return _updated(fit.covariance, row, np.array([[spread**2]]))
+    return _update_covariance(fit.covariance, row, np.array([[spread**2]]))
 
 
 def _with_run(prepared: CalibrationInput, fit: Fit, scale: float, run: FrequencyTable) -> Array:
@@ -196,10 +196,10 @@ def _with_half_preload(fit: Fit, run: FrequencyTable, variation: ExperimentVaria
     noise += 2 * KNOWN_PRELOAD**2 * np.outer(by_ratio, by_ratio)  # error of the ratio of both preloads
     slopes = np.zeros((len(half), len(fit.unknown)))
     slopes[:, :SIZE] = half[:, :SIZE] - now[:, :SIZE]
-    return _updated(_with_known_preload(fit, KNOWN_PRELOAD), slopes, noise)
+    return _update_covariance(_with_known_preload(fit, KNOWN_PRELOAD), slopes, noise)
 
 
-def _updated(covariance: Array, slopes: Array, noise: Array) -> Array:
+def _update_covariance(covariance: Array, slopes: Array, noise: Array) -> Array:
     """Covariance of the unknowns after additional rows, with ``noise`` the covariance of these."""
     gain = covariance @ slopes.T
     return np.asarray(covariance - gain @ np.linalg.solve(slopes @ gain + noise, gain.T))

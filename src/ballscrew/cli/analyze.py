@@ -29,6 +29,7 @@ from ballscrew.cli.output import (
     progress_bar,
     report_quality,
     right_aligned,
+    styled_verdict,
 )
 from ballscrew.fcft.plan import read_plan
 from ballscrew.modal.amend import amend
@@ -297,16 +298,12 @@ def _stop_table(run: Run) -> Table:
         row = [_position(stop.position), _number(stop.frequency), _number(stop.uncertainty, "± ")]
         if with_rotor_held:
             row.append(_number(stop.rotor_held))
-        table.add_row(*row, _styled(stop.verdict))
+        table.add_row(*row, styled_verdict(stop.verdict))
     return table
 
 
 def _position(metres: float) -> str:
     return f"{round(metres * 1e3, 1) + 0.0:.1f}"
-
-
-def _styled(verdict: str) -> str:
-    return f"[{VERDICT_STYLE[verdict.split()[-1]]}]{verdict}[/]"
 
 
 def _rotation_words(rotation: TableRotation) -> str:
@@ -359,7 +356,7 @@ def _cell_table(run: Run) -> Table:
         if with_rotor_held:
             row.append(_rotor_held(cell))
         row.append(_number(cell.coherence))
-        table.add_row(*row, _styled(cell.verdict))
+        table.add_row(*row, styled_verdict(cell.verdict))
     return table
 
 

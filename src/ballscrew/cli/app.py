@@ -197,7 +197,15 @@ def analyze(
     from ballscrew.modal.job import Job
 
     options = parse_options(method, response, band, estimator, average)
-    job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
+    job = Job.read(
+        files,
+        channels=channels,
+        axis=axis,
+        plan=plan,
+        mass=mass,
+        measured_at=measured_at,
+        temperature=temperature,
+    )
     return analyze_command(job, options, Output(explain, as_json, plot, spectra, verbose, table))
 
 

@@ -10,12 +10,12 @@ from rich.markup import escape
 from ballscrew.base.result import check_export
 from ballscrew.base.words import plural
 from ballscrew.cli.output import (
-    VERDICT_STYLE,
     check_outputs,
     console,
     print_json,
     report_quality,
     right_aligned,
+    styled_verdict,
 )
 from ballscrew.modal.analyze_frf import examine_frf, listed_places
 from ballscrew.modal.excited_record import Signals
@@ -68,7 +68,7 @@ def _print(run: Run, signals: Signals, cells: Sequence[tuple[float, Resonances]]
     for position, found in cells:
         rows = (("resonance", found.resonance), ("antiresonance", found.antiresonance))
         for name, mode in rows:
-            table.add_row(f"{1e3 * position:.1f}", name, *_numbers(mode), _styled(mode.verdict))
+            table.add_row(f"{1e3 * position:.1f}", name, *_numbers(mode), styled_verdict(mode.verdict))
     screen.print(table)
     for position, found in cells:
         for line in _remarks(found):
@@ -92,7 +92,3 @@ def _remarks(found: Resonances) -> list[str]:
     if found.halves:
         lines.append("halves of the record: " + ", ".join(map(str, found.halves)))
     return lines
-
-
-def _styled(verdict: str) -> str:
-    return f"[{VERDICT_STYLE[verdict]}]{verdict}[/]"

@@ -273,4 +273,5 @@ def _run_table(state: HealthState) -> Table:
 def _with_limit(value: float, limit: float) -> str:
     if not (math.isfinite(value) and math.isfinite(limit)):
         return "–"
-    return f"{value:.{0 if value >= _WHOLE else 1}f} / {limit:.1f}"
+    decimals = 0 if value >= _WHOLE else 1
+    return f"{value:.{decimals}f} / {limit:.1f}"

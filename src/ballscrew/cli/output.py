@@ -43,6 +43,11 @@ STATE_STYLE = {
 VERDICT_STYLE = {"good": "green", "suspect": "yellow", "refused": "red", "bad": "red"}
 
 
+def styled_verdict(verdict: str) -> str:
+    """Mark up a verdict with its colour, by its last word."""
+    return f"[{VERDICT_STYLE[verdict.split()[-1]]}]{verdict}[/]"
+
+
 class _SafeConsole(Console):
     """Console on which a name in a file cannot act on the terminal, and sentences are indented."""
 

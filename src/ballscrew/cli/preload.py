@@ -18,7 +18,15 @@ from ballscrew.base.words import form, plural, without_repeats
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.modelfile import read_model
 from ballscrew.calibration.preload_groups import sort_key
-from ballscrew.cli.output import TIME_WIDTH, VERDICT_STYLE, check_outputs, console, print_json, right_aligned
+from ballscrew.cli.output import (
+    TIME_WIDTH,
+    VERDICT_STYLE,
+    check_outputs,
+    console,
+    print_json,
+    right_aligned,
+    styled_verdict,
+)
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
@@ -144,7 +152,7 @@ def _answer(estimate: PreloadEstimate) -> str:
         text = f"below {high:.0f} % of {reference}"
     elif math.isinf(high):
         text = f"above {low:.0f} % of {reference}"
-    return f"[bold]{axis}: {text}[/], {_styled(estimate.nut_verdict)}"
+    return f"[bold]{axis}: {text}[/], {styled_verdict(estimate.nut_verdict)}"
 
 
 def _print_estimate(estimate: PreloadEstimate, names: Mapping[str, str], *, verbose: bool) -> None:
@@ -264,12 +272,12 @@ def _print_table(estimates: Sequence[PreloadEstimate], names: Mapping[str, str],
         row = [escape(_label(estimate, names))]
         if relative:
             stiffness = estimate.stiffness_relative_to_baseline
-            row += [_value(stiffness), _interval(stiffness), _styled(estimate.verdict)]
+            row += [_value(stiffness), _interval(stiffness), styled_verdict(estimate.verdict)]
             row.append(_interval(estimate.relative_to_baseline))
         else:
             nut = estimate.relative_to_model
-            row += [_styled(estimate.verdict), _value(nut), _interval(nut)]
-        table.add_row(*row, _value(estimate.preload_N), _styled(estimate.nut_verdict))
+            row += [styled_verdict(estimate.verdict), _value(nut), _interval(nut)]
+        table.add_row(*row, _value(estimate.preload_N), styled_verdict(estimate.nut_verdict))
     screen.print(table)
     _print_remarks(estimates, names, verbose=verbose)
 
@@ -292,10 +300,6 @@ def _print_remarks(estimates: Sequence[PreloadEstimate], names: Mapping[str, str
         lines.append(f"{which}: {text}")
     for line in without_repeats(lines):
         console().print(f"  • {line}", markup=False)
-
-
-def _styled(verdict: str) -> str:
-    return f"[{VERDICT_STYLE[verdict]}]{verdict}[/]"
 
 
 def _label(estimate: PreloadEstimate, names: Mapping[str, str]) -> str:

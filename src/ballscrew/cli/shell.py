@@ -155,7 +155,8 @@ def _report(error: Exception) -> str:
 def _words(error: typer.TyperException) -> str:
     """Message of typer as one sentence."""
     message = error.format_message() if hasattr(error, "format_message") else error
-    return " ".join(str(message).split()).rstrip(".") + "."
+    text = " ".join(str(message).split())
+    return text if text.endswith((".", "?")) else f"{text}."
 
 
 def _command(error: typer.TyperException) -> str:

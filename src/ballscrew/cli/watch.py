@@ -171,7 +171,7 @@ def _run_files(folder: Path, failures: list[str]) -> list[Path]:
 def _current_run(source: Path, folder: Path, analyze_run: Callable[[Path], Run]) -> tuple[Run, bool]:
     """Run of a RUN.toml, and whether it had to be analysed."""
     target = source.with_suffix(".json")
-    job = Job.of(source, None, None, None, None, None, None)
+    job = Job.read(source)
     _check_links(job, folder)
     if target.exists():
         run = Run.read(target)  # raises where the file is something else, which is not overwritten

@@ -213,10 +213,10 @@ def _header(plan: Plan, sheet: DataSheet, dry_run: bool, slow: float, unit: str)
 
 
 def _dry_header(plan: Plan, slow: float) -> Iterator[str]:
-    way = 2 * (plan.positions[-1] - plan.positions[0])
+    distance = 2 * (plan.positions[-1] - plan.positions[0])
     yield (
-        f"One round trip over all stops at {1000 * slow:.3g} mm/s, about {way / slow:.0f} s, to check that "
-        "nothing is in the way. It is not measured."
+        f"One round trip over all stops at {1000 * slow:.3g} mm/s, about {distance / slow:.0f} s, to check "
+        "that nothing is in the way. It is not measured."
     )
 
 

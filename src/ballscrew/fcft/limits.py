@@ -167,11 +167,11 @@ def _distance(
 ) -> Iterator[str]:
     # validate_plan checks the nominal motion; a lower jerk needs a longer distance.
     softest = max(motions, key=lambda motion: motion.acceleration_distance)
-    way, gap = 2 * softest.acceleration_distance, plan.smallest_gap
-    if softest.jerk < nominal.jerk and gap < way * (1 - _ROUNDING):
+    distance, gap = 2 * softest.acceleration_distance, plan.smallest_gap
+    if softest.jerk < nominal.jerk and gap < distance * (1 - _ROUNDING):
         yield (
             f"{name}.jerk_spread is {nominal.jerk_spread:g}, which brings the jerk down "
-            f"to {softest.jerk:g} m/s³, for which the axis of {sheet.source} needs {way:g} m to "
+            f"to {softest.jerk:g} m/s³, for which the axis of {sheet.source} needs {distance:g} m to "
             f"accelerate and stop again; positions has stops {gap:g} m apart."
         )
 

@@ -215,13 +215,13 @@ def validate_plan(plan: Plan, sheet: DataSheet) -> None:
                 f"must be from {_LOWEST * rating:g} N to {_HIGHEST * rating:g} N ({_HIGHEST:.0%} of Ca)."
             )
     for index, motion in enumerate(plan.motions):
-        way = 2 * motion.acceleration_distance
-        if plan.smallest_gap < way * (1 - 1e-9):
+        distance = 2 * motion.acceleration_distance
+        if plan.smallest_gap < distance * (1 - 1e-9):
             field = "motion.speed" if len(plan.motions) == 1 else f"motion[{index}].speed"
             raise InputError(
                 f"{plan.source}: {field} is {motion.speed:g} m/s, for which the axis of {sheet.source} needs "
-                f"{way:g} m to accelerate and stop again, but positions has stops {plan.smallest_gap:g} m "
-                f"apart; they must be {way:g} m apart or more, or the speed lower."
+                f"{distance:g} m to accelerate and stop again, but positions has stops {plan.smallest_gap:g} "
+                f"m apart; they must be {distance:g} m apart or more, or the speed lower."
             )
 
 

@@ -167,7 +167,7 @@ class _PlannedRun:
     rows: RunRows
 
     def slopes(self, unknowns: int) -> Array:
-        """Derivative of ln f by the working vector and all log ratios, shape (n, unknowns)."""
+        """Derivative of ln f with respect to the working vector and all log ratios, shape (n, unknowns)."""
         size = len(PARAMETERS)
         slopes = np.zeros((len(self.rows.own), unknowns))
         slopes[:, :size] = self.rows.jacobian[:, :size]

@@ -28,7 +28,8 @@ class RunRows:
     Parameters
     ----------
     jacobian : ndarray, shape (n, 8)
-        Derivative of ln f by the working vector and the log ratio (0 for the log ratio of the reference run).
+        Derivative of ln f with respect to the working vector and the log ratio (0 for that of the reference
+        run).
     own : ndarray, shape (n,)
         Standard deviation of the independent error of the mean of a stop's cells.
     runs, lasting : ndarray, shape (2, n)

@@ -130,13 +130,13 @@ def analyze(
     files : path-like or Recording, or a sequence of these
         Recordings, usually one per round trip: files, or arrays by
         :meth:`Recording.from_arrays <ballscrew.recording.recording.Recording.from_arrays>`; or one RUN.toml,
-        which names files and all else. What is given here as well goes before what RUN.toml says.
+        which names files and all else. Arguments override RUN.toml.
     channels : path-like or ChannelMap, optional
         Quantity, place and unit of each channel; files require it.
     axis : path-like or DataSheet, optional
-        The axis; without it there is no band to look in and no torque in newtons.
+        The axis; without it there is no search band, and a torque gives no force.
     plan : path-like or Plan, optional
-        The test; without it stops and speeds are found by clustering, and nothing is known to be missing.
+        The test; without it stops and speeds are found by clustering, and missing stops are not detected.
     mass : str or float, optional
         Load on the table, ``"100 kg"``, a bare number in kg; by default the plan's, where it has one only.
     measured_at : str or datetime, optional
@@ -171,7 +171,15 @@ def analyze(
     >>> [(c.position_m, c.condition, c.frequency_Hz) for c in run.cells]  # doctest: +SKIP
     """
     options = AnalysisOptions(method, response, settings or PaperSettings(), joint or JointSettings())
-    job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
+    job = Job.read(
+        files,
+        channels=channels,
+        axis=axis,
+        plan=plan,
+        mass=mass,
+        measured_at=measured_at,
+        temperature=temperature,
+    )
     return examine(job, options, progress=progress).run
 
 
@@ -311,7 +319,7 @@ def quality(
     InputError
         If a file, the channel map or the plan is wrong.
     """
-    job = Job.of(files, channels, axis, plan, mass, None, None)
+    job = Job.read(files, channels=channels, axis=axis, plan=plan, mass=mass)
     measurement = measure(
         job.files,
         job.channels,

@@ -112,7 +112,7 @@ def frf_job(
     recordings = tuple(file if isinstance(file, Recording) else Path(file) for file in given)
     if not recordings:
         raise InputError("no file is given.")
-    job = Job.of((), channels, axis, None, mass, measured_at, None)
+    job = Job.read((), channels=channels, axis=axis, mass=mass, measured_at=measured_at)
     return replace(job, files=recordings)
 
 

@@ -70,15 +70,16 @@ class Job:
         return (*self.documents, *recordings)
 
     @classmethod
-    def of(
+    def read(
         cls,
         files: Files,
-        channels: str | Path | ChannelMap | None,
-        axis: str | Path | DataSheet | None,
-        plan: str | Path | Plan | None,
-        mass: str | float | None,
-        measured_at: str | datetime | None,
-        temperature: str | float | None,
+        *,
+        channels: str | Path | ChannelMap | None = None,
+        axis: str | Path | DataSheet | None = None,
+        plan: str | Path | Plan | None = None,
+        mass: str | float | None = None,
+        measured_at: str | datetime | None = None,
+        temperature: str | float | None = None,
     ) -> Job:
         """Read all files about the run; options override RUN.toml.
 

@@ -167,7 +167,8 @@ def natural_frequency(
     step = max(1, math.floor(rate / (_RATE * high)))
     inputs, outputs = _decimated(inputs, step), _decimated(outputs, step)
     start = _OneMode.of(inputs, outputs, rate / step, low, high).searched(low, high)
-    problem = _OneMode.of(inputs, outputs, rate / step, *np.exp(start[[0, 0]]).tolist())
+    frequency = math.exp(start[0])
+    problem = _OneMode.of(inputs, outputs, rate / step, frequency, frequency)
     mode = problem.minimised(start)
     for _ in range(_ROUNDS):
         problem = problem.whitening(mode)

@@ -291,7 +291,7 @@ class RationalFit:
         return np.concatenate(parts, axis=1)
 
     def _jacobian(self, input: Complex) -> Complex:  # noqa: A002
-        """Derivatives of the prediction by ln f and ln ζ of all modes and by the coefficients."""
+        """Derivatives of the prediction with respect to ln f and ln ζ of all modes and the coefficients."""
         s = 1j * self.lines.frequency / self.lines.scale
         w, damping = np.exp(self.modes)[:, :, None]
         by_damping = 2 * damping * w * s / self._quadratics(s)

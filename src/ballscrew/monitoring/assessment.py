@@ -291,8 +291,11 @@ def _disagreements(
             else:
                 faults.append(check.text)
         if misfit:
-            excluded = fused.probability < settings.suspect and causes[0].name not in _FOLLOWED
-            (faults if excluded else doubts).append(describe_misfit(fused, causes))
+            text = describe_misfit(fused, causes)
+            if fused.probability < settings.suspect and causes[0].name not in _FOLLOWED:
+                faults.append(text)
+            else:
+                doubts.append(text)
     faults += _too_stiff(fused, limit)
     faults += _frf_fault(measured.run, reference.run, limit)
     faults += doubts_of_cells(measured.run, reference.run, in_history=True)

@@ -177,7 +177,7 @@ def read_history(
     divided = epochs_of(events, newest)
     drift = settings.assumptions.bearing_daily_spread * model.bearing_share / model.model.share
     more = len(divided) - len(state.epochs)
-    epochs = [*state.epochs, *[EpochState(ChartState(settings, drift))] * more]
+    epochs = list(state.epochs) + more * [EpochState(ChartState(settings, drift))]
     starts = [moment(epoch.begins, "an event: at") for epoch in divided[1:]]
     for run in ordered:
         time = _time(run, model)
@@ -426,7 +426,8 @@ def _later_runs(runs: Sequence[Run], known: HistoryState, model: CalibratedAxis)
 def _check_recordings(runs: Sequence[Run], known: HistoryState | None) -> None:
     """Check that no recording counts twice."""
     owner: dict[str, tuple[str, str]] = {}
-    for row in known.rows if known is not None else []:
+    rows = known.rows if known is not None else ()
+    for row in rows:
         for digest in row.files:
             owner[digest] = row.reading.run, row.name
     for run in runs:

@@ -172,7 +172,7 @@ class HealthState:
     @property
     def visits(self) -> int:
         """Good runs of the newest epoch; those of a day count once where it has a chart."""
-        chart = (None, *self.charts)[-1]
+        chart = self.charts[-1] if self.charts else None
         if chart is not None:
             return len(chart.visits.first)
         return sum(run.reading.verdict == "good" for run in self.epoch_runs)
@@ -195,7 +195,8 @@ class HealthState:
                     f"the axis already softened in these runs, as by a loss of {loss} of the preload"
                 )
         if self.set_aside:
-            reason = (*self.set_aside[-1].reading.reasons, "it gives no preload")[0]
+            reasons = self.set_aside[-1].reading.reasons
+            reason = reasons[0] if reasons else "it gives no preload"
             which = "the newest run does"
             if len(self.set_aside) > 1:
                 which = f"the newest {len(self.set_aside)} runs do"

@@ -23,7 +23,7 @@ from ballscrew.base.words import plural
 from ballscrew.monitoring.epochs import moment
 
 COUNTERS = ("revolutions", "hours")
-"""Columns of a duty file beside ``date``: readings of counters since any begin, never falling."""
+"""Columns of a duty file beside ``date``: readings of counters since any start, never falling."""
 
 _RECENT = 30.0  # days whose mean continues: a month has every shift
 _GAP = 7.0  # days without a reading before the first run and after the last: a reading a week
@@ -70,19 +70,19 @@ class DutyRecord:
         InputError
             If the readings do not cover the runs, or a counter stands still between them.
         """
-        begin, end = first.timestamp() / _DAY, last.timestamp() / _DAY
-        if self.times[0] > begin + _GAP or self.times[-1] < end - _GAP:
+        start, end = first.timestamp() / _DAY, last.timestamp() / _DAY
+        if self.times[0] > start + _GAP or self.times[-1] < end - _GAP:
             raise InputError(
                 f"{self.source}: has the duty from {_date(self.times[0])} to {_date(self.times[-1])}, and "
-                f"the runs of the epoch are from {_date(begin)} to {_date(end)}; it must cover them to "
+                f"the runs of the epoch are from {_date(start)} to {_date(end)}; it must cover them to "
                 f"within {_GAP:g} days."
             )
         duties = {}
         for name, values in self.counters.items():
-            duty = EpochDuty(self.times - begin, values, end - begin)
+            duty = EpochDuty(self.times - start, values, end - start)
             if not duty.per_day > 0:
                 raise InputError(
-                    f"{self.source}: {name} does not rise from {_date(begin)} to {_date(end)}, between the "
+                    f"{self.source}: {name} does not rise from {_date(start)} to {_date(end)}, between the "
                     "first and the last run of the epoch; leave out a counter that does not count."
                 )
             duties[name] = duty
@@ -116,9 +116,9 @@ class EpochDuty:
     @property
     def ahead_per_day(self) -> float:
         """Duty of a day after the last reading: the mean of the last 30 days."""
-        begin = max(self.days[-1] - _RECENT, self.days[0])
-        before = np.interp(begin, self.days, self.values)
-        return float((self.values[-1] - before) / (self.days[-1] - begin))
+        start = max(self.days[-1] - _RECENT, self.days[0])
+        before = np.interp(start, self.days, self.values)
+        return float((self.values[-1] - before) / (self.days[-1] - start))
 
     def up_to(self, days: Array) -> Array:
         """Reading on some days: linear between two readings, and beyond them at the mean of a day."""
@@ -146,7 +146,7 @@ def read_duty(path: str | Path) -> DutyRecord:
     path : path-like
         A heading with ``date`` (ISO 8601, UTC where it names no zone) and ``revolutions`` of the screw,
         ``hours`` of operation, or both; further columns are ignored. A row per reading, by ascending date.
-        The counters are cumulative, from any begin.
+        The counters are cumulative, from any start.
 
     Returns
     -------

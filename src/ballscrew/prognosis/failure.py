@@ -30,7 +30,7 @@ class Failure:
     largest_load : float or None
         F_max of the stated duty, N: the axis has failed when F_max > 2.83 P.
     preload : float or None
-        P₀ at the begin of the epoch, N; needed with ``largest_load``.
+        P₀ at the start of the epoch, N; needed with ``largest_load``.
     backlash : float or None
         B, m, at which the axis has failed.
 

@@ -29,13 +29,13 @@ from ballscrew.base.arrays import Array
 LAW_EXPONENTS = {"external-load": 0.0, "contact-pressure": 0.5, "exponential": 1.0, "preload": 1.5}
 """p of each law of wear."""
 
-NUMBERS = 6
+N_PARAMETERS = 6
 """Standard normal numbers of a member of a family: pace, onset, scatter, motion, and two of its course."""
 
 _STRAIGHT = -0.5  # p of a preload that falls on a straight line
 _STEEPEST = 1.5  # p of the steepest law
 _MOST_GROWTH = 8.0  # k s: three thousand times the first pace
-_STEADY = 0.7  # pace after running-in, over what it was more at first
+_STEADY = 0.7  # steady pace, over the initial excess of running-in
 _LAST = 0.05  # x from which on the load alone wears: a hundredth of the preload
 
 
@@ -54,7 +54,7 @@ class FamilyPrior:
     walk, walk_spread : float
         Brownian motion of z over the whole record, over the stated uncertainty of a run.
     growth, growth_spread : float
-        k, over one by the duty of wear so far: it has no time of its own.
+        k times the duty of wear so far.
     factor, factor_spread : float
         c; s_c is uniform over the duty of wear so far.
     hazard : float
@@ -62,7 +62,7 @@ class FamilyPrior:
     later, later_spread : float
         Factor of that change; below 1 wear slows down.
     relaxation, relaxation_spread : float
-        −k of running-in, in the laws of wear, over one by the duty of wear so far.
+        −k of running-in, in the laws of wear, times the duty of wear so far.
     """
 
     rate: float = 1e-3
@@ -151,12 +151,12 @@ class Family:
     @property
     def free(self) -> tuple[int, ...]:
         """Numbers of a member that the family uses."""
-        of_course = 0
+        course = 0
         if self.by_law or self.changes:
-            of_course = 2
+            course = 2
         elif self.grows:
-            of_course = 1
-        return tuple(range(NUMBERS - 2 + of_course))
+            course = 1
+        return tuple(range(N_PARAMETERS - 2 + course))
 
     def cloud(self, z: Array, prior: FamilyPrior, span: float) -> Cloud:
         """Members of the family.

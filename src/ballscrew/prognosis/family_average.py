@@ -158,7 +158,7 @@ class FamilyAverage:
         random = np.random.default_rng([self.seed, 4])
         x = paths.remaining[:, 1 : 1 + len(days)]
         scatter = readings.typical * paths.noise[:, None] * random.standard_normal(x.shape)
-        return np.asarray(readings.unit * np.maximum(x + scatter, 0.0) ** 1.5)
+        return np.asarray(readings.initial_friction * np.maximum(x + scatter, 0.0) ** 1.5)
 
     def _readings(self, history: PreloadHistory) -> Readings:
         if not len(history):
@@ -189,7 +189,7 @@ class FamilyAverage:
                 sample_paths(fit, readings, duty, days, ahead, width=width, count=count, seed=self.seed)
             )
         today = [float(self._duty(family, days[:1])[0]) for family in families]
-        averaged = _changed(_joined(paths, today), self.prior, today, days - days[0], self.seed)
+        averaged = _change_pace(_join(paths, today), self.prior, today, days - days[0], self.seed)
         names = [family.name for family in families]
         return averaged, dict(zip(names, weight.tolist(), strict=True)), width
 
@@ -213,7 +213,7 @@ class _Averaged(Paths):
         return _Averaged(**{item.name: getattr(self, item.name)[selected] for item in fields(self)})
 
 
-def _joined(paths: Sequence[Paths], today: Sequence[float]) -> _Averaged:
+def _join(paths: Sequence[Paths], today: Sequence[float]) -> _Averaged:
     """Paths of all families together."""
     names = [item.name for item in fields(Paths)]
     columns = {name: np.concatenate([getattr(path, name) for path in paths]) for name in names}
@@ -221,10 +221,10 @@ def _joined(paths: Sequence[Paths], today: Sequence[float]) -> _Averaged:
     return _Averaged(**columns, family=family, begun=columns["onset"] < np.array(today)[family])
 
 
-def _changed(
+def _change_pace(
     paths: _Averaged, prior: FamilyPrior, today: Sequence[float], ahead: Array, seed: int
 ) -> _Averaged:
-    """Paths whose pace changes once more, at a hazard in proportion to one by the duty of wear."""
+    """Paths whose pace changes once more, at a hazard inversely proportional to the duty of wear."""
     random = np.random.default_rng([seed, 5])
     duty = np.array(today)[paths.family]
     worn = np.maximum(duty - paths.onset, np.maximum(_LEAST_WORN * duty, 1.0))

@@ -21,7 +21,7 @@ from ballscrew.base.proposals import (
     proposal_nearby,
     proposals_at_maxima,
 )
-from ballscrew.prognosis.families import NUMBERS, Cloud, Family, FamilyPrior
+from ballscrew.prognosis.families import N_PARAMETERS, Cloud, Family, FamilyPrior
 from ballscrew.prognosis.family_process import AHEAD, FamilyFit, MemberEvidence, evidence_of
 from ballscrew.prognosis.readings import Readings
 
@@ -143,7 +143,7 @@ class _Target:
 
     def cloud(self, points: Array) -> tuple[Cloud, Array]:
         """Members, and the logarithm of the density of the prior."""
-        z = np.zeros((len(points), NUMBERS))
+        z = np.zeros((len(points), N_PARAMETERS))
         z[:, self.family.free] = points
         z[:, _ONSET], log_ratio = self.onsets.to_prior(points[:, _ONSET])
         cloud = self.family.cloud(np.clip(z, -_FARTHEST, _FARTHEST), self.prior, float(self.duty[-1]))

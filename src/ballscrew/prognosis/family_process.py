@@ -29,7 +29,7 @@ AHEAD = (1, 2, 4, 8)
 _LEAST_REMAINING = 0.05  # of x, for dz/dx
 _FEWEST_GAPS = 5  # between readings, before the innovations show how uneven the motion is
 _DISTINCT = 192  # members of a family's paths
-_JITTER = 1e-9  # of a variance, for the factor's sake
+_JITTER = 1e-9  # of a variance, so that the Cholesky factor exists
 _ANY = 1e30  # variance of a row that is transformed only
 
 
@@ -171,8 +171,8 @@ def evidence_of(cloud: Cloud, duty: Array, readings: Readings) -> MemberEvidence
     since = cloud.since(duty)
     effects = np.empty((*z.shape, 4))  # of amplitude, motion, start and temperature
     effects[:, :, 0] = cloud.rate[:, None] * cloud.course(duty)
-    effects[:, :, 1], effects[:, :, 2] = 1.0, readings.start
-    effects[:, :, 3] = readings.by_kelvin * readings.warmer * slope
+    effects[:, :, 1], effects[:, :, 2] = 1.0, readings.start_deviation
+    effects[:, :, 3] = readings.kelvin_deviation * readings.temperature * slope
     pace = (cloud.walk * readings.typical) ** 2
     motionless = effects[:, :, [0, 2, 3]]
     variance = np.sum(motionless**2, axis=2) + pace[:, None] * since
@@ -260,10 +260,10 @@ def _depth(cloud: Cloud, readings: Readings) -> tuple[Array, Array]:
 
 def _covariance(cloud: Cloud, duty: Array, readings: Readings, slope: Array) -> Array:
     """Of the readings in z, shape (m, n, n)."""
-    k = _of_course(cloud, duty, readings)
-    k += readings.start**2
-    if readings.warmer.any():
-        warm = readings.by_kelvin * readings.warmer * slope
+    k = _course_covariance(cloud, duty, readings)
+    k += readings.start_deviation**2
+    if readings.temperature.any():
+        warm = readings.kelvin_deviation * readings.temperature * slope
         k += warm[:, :, None] * warm[:, None, :]
     spread = cloud.noise[:, None] * readings.uncertainty * slope
     diagonal = np.arange(len(duty))
@@ -271,7 +271,7 @@ def _covariance(cloud: Cloud, duty: Array, readings: Readings, slope: Array) -> 
     return np.asarray(k)
 
 
-def _of_course(cloud: Cloud, duty: Array, readings: Readings) -> Array:
+def _course_covariance(cloud: Cloud, duty: Array, readings: Readings) -> Array:
     """Covariance of z by amplitude and motion, shape (m, n, n)."""
     g, since = cloud.rate[:, None] * cloud.course(duty), cloud.since(duty)
     walk = ((cloud.walk * readings.typical) ** 2)[:, None, None]
@@ -285,13 +285,13 @@ def _ahead(cloud: Cloud, duty: Array, ahead: Array, readings: Readings) -> tuple
     """Mean, and root of the covariance, of the amplitude and of z ahead, given the readings."""
     z, slope = _depth(cloud, readings)
     n, both = len(duty), np.concatenate([duty, [0.0], ahead])
-    whole = _of_course(cloud, both, readings)
+    whole = _course_covariance(cloud, both, readings)
     whole[:, n, :] = whole[:, :, n] = cloud.rate[:, None] * cloud.course(both)
     whole[:, n, n] = 1.0
     if not readings.known_start:
-        whole[:, :n, n + 1 :] += readings.start**2
-        whole[:, n + 1 :, :n] += readings.start**2
-        whole[:, n + 1 :, n + 1 :] += readings.start**2
+        whole[:, :n, n + 1 :] += readings.start_deviation**2
+        whole[:, n + 1 :, :n] += readings.start_deviation**2
+        whole[:, n + 1 :, n + 1 :] += readings.start_deviation**2
     whole[:, :n, :n] = _covariance(cloud, duty, readings, slope)
     later = np.arange(n, whole.shape[1])
     whole[:, later, later] *= 1 + _JITTER

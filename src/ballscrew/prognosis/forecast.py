@@ -97,10 +97,10 @@ class Forecast:
     @property
     def shows_wear(self) -> bool:
         """False where wear has probably not begun, so that the runs do not show when life ends."""
-        return not self.begun < least_begun(self.alarm)
+        return math.isnan(self.begun) or self.begun >= least_begun(self.alarm)
 
     @property
-    def known(self) -> bool:
+    def has_median(self) -> bool:
         """True if the median lies within reach."""
         return bool(np.isfinite(self.quantile(0.5)))
 

@@ -198,7 +198,8 @@ def monitor(
     travel = None
     if isinstance(duty, DutyRecord):
         readings = _good_readings(state)
-        counters = duty.of_epoch(*(moment(readings[k].measured_at, "a run's time") for k in (0, -1)))
+        first, last = (moment(each.measured_at, "a run's time") for each in (readings[0], readings[-1]))
+        counters = duty.of_epoch(first, last)
     else:
         travel = duty
     forecast = (life or _family_average(counters, state)).forecast(history, end)

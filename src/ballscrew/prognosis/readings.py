@@ -32,15 +32,15 @@ class Readings:
         Day, x, and its standard uncertainty as stated; an outlier has its distance from its neighbours.
     smoothed : ndarray, shape (n,)
         Running median of x.
-    warmer : ndarray, shape (n,)
+    temperature : ndarray, shape (n,)
         Temperature relative to the reference, K; their mean where not known, 0 where none is.
-    by_kelvin : float
+    kelvin_deviation : float
         Standard deviation of the change of x by 1 K, 1/K.
-    start : float
-        Standard deviation of x at the begin.
+    start_deviation : float
+        Standard deviation of x at the start.
     known_start : bool
-        True where x is 1 at the begin, so that its deviation is an error of all readings.
-    unit : float
+        True where x is 1 at the start, so that its deviation is an error of all readings.
+    initial_friction : float
         Friction at x = 1; 1 where x is not by friction.
     """
 
@@ -48,11 +48,11 @@ class Readings:
     remaining: Array
     uncertainty: Array
     smoothed: Array
-    warmer: Array
-    by_kelvin: float
-    start: float
+    temperature: Array
+    kelvin_deviation: float
+    start_deviation: float
     known_start: bool
-    unit: float = 1.0
+    initial_friction: float = 1.0
 
     @property
     def typical(self) -> float:
@@ -78,32 +78,32 @@ def readings_of(history: PreloadHistory, most: int) -> Readings:
     pooled = pool_runs(history, most)
     if np.isfinite(pooled.level).any() or not np.isfinite(pooled.friction).any():
         x, spread, observed = _by_stiffness(pooled)
-        by_kelvin, unit, known_start = 2 * _BY_KELVIN, 1.0, True
+        kelvin_deviation, initial_friction, known_start = 2 * _BY_KELVIN, 1.0, True
     else:
         observed = np.isfinite(pooled.friction) & (pooled.friction > 0)
-        unit = float(np.median(pooled.friction[observed][:_FIRST_FRICTIONS]))
-        x = (pooled.friction / unit) ** (2 / 3)
+        initial_friction = float(np.median(pooled.friction[observed][:_FIRST_FRICTIONS]))
+        x = (pooled.friction / initial_friction) ** (2 / 3)
         spread = 2 / 3 * x * pooled.friction_uncertainty / pooled.friction
-        by_kelvin, known_start = 0.0, False
+        kelvin_deviation, known_start = 0.0, False
     x, spread, days = x[observed], spread[observed], pooled.days[observed]
     smoothed = _running_median(x)
     scatter = 1.4826 * np.median(np.abs(x - smoothed)) if len(x) else 0.0
     limit = _ODD * np.maximum(_TRUE * spread, scatter)
     off = _distance(days, x, smoothed)
     spread = np.where(off > limit, np.maximum(spread, off), spread)
-    start = _FRICTION_START
+    start_deviation = _FRICTION_START
     if known_start and len(spread):
-        start = _TRUE * float(np.median(spread))
+        start_deviation = _TRUE * float(np.median(spread))
     return Readings(
         days=days,
         remaining=x,
         uncertainty=spread,
         smoothed=smoothed,
-        warmer=_warmer(pooled.temperature[observed]),
-        by_kelvin=by_kelvin,
-        start=start,
+        temperature=_warmer(pooled.temperature[observed]),
+        kelvin_deviation=kelvin_deviation,
+        start_deviation=start_deviation,
         known_start=known_start,
-        unit=unit,
+        initial_friction=initial_friction,
     )
 
 

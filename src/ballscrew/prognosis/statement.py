@@ -61,12 +61,12 @@ def prognosis_of(
     begun = None
     if not math.isnan(forecast.begun):
         begun = forecast.begun
-    days, way = _quantiles(forecast, travel)
+    days, travel_quantiles = _quantiles(forecast, travel)
     by_counter = {name: _by_counter(days, forecast.at, counter) for name, counter in counters.items()}
     return Prognosis(
         at_day=forecast.at,
         rul_days=days,
-        rul_travel_m=way,
+        rul_travel_m=travel_quantiles,
         failure_mode=forecast.mode,
         failure=forecast.end,
         reach_days=forecast.reach,
@@ -97,11 +97,11 @@ def _quantiles(
             quantile = float(forecast.quantile(p))
             if math.isfinite(quantile):
                 days[p] = quantile
-    way: dict[float, float | None] = {}
+    travel_quantiles: dict[float, float | None] = {}
     if travel is not None:
-        way = dict.fromkeys(QUANTILES)
-        way.update((p, d * travel) for p, d in days.items() if d is not None)
-    return days, way
+        travel_quantiles = dict.fromkeys(QUANTILES)
+        travel_quantiles.update((p, d * travel) for p, d in days.items() if d is not None)
+    return days, travel_quantiles
 
 
 def _by_counter(days: dict[float, float | None], at: float, counter: EpochDuty) -> dict[float, float | None]:
@@ -122,8 +122,8 @@ def _statement(
     if not forecast.rul_days.any():
         return (mode, "The axis has reached it.")
     if not forecast.shows_wear:
-        return (mode, f"Time to it: open. {_why_open(forecast)}")
-    sentences = [mode, "Time to it: " + forecast.text[0].lower() + forecast.text[1:]]
+        return (mode, f"Time to failure: open. {_why_open(forecast)}")
+    sentences = [mode, "Time to failure: " + forecast.text[0].lower() + forecast.text[1:]]
     reached = float(np.mean(forecast.rul_days == 0))
     if reached >= _NOTABLE:
         sentences.append(f"It has been reached already with a probability of {100 * reached:.0f} %.")
@@ -142,7 +142,7 @@ def _why_open(forecast: Forecast) -> str:
     """Why no end is forecast."""
     begun = f"wear has begun with a probability of {_percent(forecast.begun)}"
     if forecast.alarm:
-        return f"The alarm still stands, but by all runs together {begun}: they do not show how fast it is."
+        return f"The alarm still stands, but over all runs {begun}: they do not show its rate."
     return f"{begun[0].upper()}{begun[1:]}; until it has, the runs do not show how fast it will be."
 
 
@@ -159,7 +159,7 @@ def _followed(forecast: Forecast) -> str:
     """Families that the forecast follows, the first with its weight."""
     ranked = sorted(forecast.families.items(), key=lambda item: -item[1])
     named = [f"{name} {100 * weight:.0f} %" for name, weight in ranked if weight >= _NOTABLE]
-    return "Course of wear, by how each predicted the runs so far: " + ", ".join(named) + "."
+    return "Wear families, weighted by past forecasts: " + ", ".join(named) + "."
 
 
 def _travel(days: dict[float, float | None], travel: float) -> list[str]:
@@ -222,7 +222,7 @@ def _assumptions(
     sentences = [
         f"{duty}, with the same loads, grease and temperature",
         f"only the epoch's {runs} {_within(forecast.at - float(history.days[0]))} are used",
-        "preload means that by the axial stiffness: the support bearing's wear counts as the nut's",
+        "preload is from the axial stiffness: bearing wear counts as nut wear",
         _law(forecast),
         f"the nut's share of the compliance is known to {100 * history.scale:.0f} %, and the loss no better",
     ]
@@ -249,7 +249,7 @@ def _would_change(forecast: Forecast, history: PreloadHistory) -> tuple[str, ...
         "a bearing that has softened looks like wear, and would make the axis seem shorter-lived than it is",
         "maintenance of nut or bearing begins a new epoch and ends this forecast",
     ]
-    if forecast.known and forecast.shows_wear:
+    if forecast.has_median and forecast.shows_wear:
         sentences.append("more runs: the interval narrows as wear goes on")
     else:
         sentences.append("measurable wear: until then the end is open")

@@ -154,7 +154,7 @@ def q_current(
         motion = _Motion(position, *rates(position, rate, _SMOOTHING))
         step = max(1, int(rate / _FIT_RATE))
         fit = _commutation(vector[::step], motion.every(step), turns, file)
-        return _corrected(vector, motion, fit).real
+        return _correct(vector, motion, fit).real
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +198,7 @@ def _angle(motion: _Motion, fit: _Fit) -> Array:
     return 2 * math.pi * fit.turns * (motion.position - motion.speed * fit.late) + fit.zero
 
 
-def _corrected(vector: Vector, motion: _Motion, fit: _Fit) -> Vector:
+def _correct(vector: Vector, motion: _Motion, fit: _Fit) -> Vector:
     """Current in the frame of the rotor, q axis real."""
     true = vector - fit.offset - fit.unequal * vector.conj()
     return np.asarray(true * np.exp(-1j * _angle(motion, fit)))
@@ -226,9 +226,9 @@ def _commutation(vector: Vector, motion: _Motion, turns: float | None, file: str
     """Fit by the stated number of pole pairs, or by the number that the currents show."""
     fit = _Fit(0.0, 0.0)
     if turns is not None:
-        fit = _fitted(vector, motion, turns)
+        fit = _fit_commutation(vector, motion, turns)
     if not fit.explained >= _EXPLAINED:
-        fit = _fitted(vector, motion, _searched_turns(vector, motion))
+        fit = _fit_commutation(vector, motion, _searched_turns(vector, motion))
         _check_turns(file, fit, turns)
     if abs(fit.unequal) > _UNEQUAL:
         raise MeasurementError(
@@ -237,7 +237,7 @@ def _commutation(vector: Vector, motion: _Motion, turns: float | None, file: str
     return fit
 
 
-def _fitted(vector: Vector, motion: _Motion, turns: float) -> _Fit:
+def _fit_commutation(vector: Vector, motion: _Motion, turns: float) -> _Fit:
     """Fit of the electrical angle and of the sensors' errors, from both directions of rotation."""
     square, total = vector**2, float(np.sum(np.abs(vector) ** 2))
     best, fit = -1.0, _Fit(turns, 0.0)
@@ -248,13 +248,13 @@ def _fitted(vector: Vector, motion: _Motion, turns: float) -> _Fit:
             if size > best:
                 best, fit = size, trial
     for _ in range(_PASSES):
-        fit = _refined(vector, motion, fit, total)
+        fit = _refine(vector, motion, fit, total)
     return fit
 
 
-def _refined(vector: Vector, motion: _Motion, fit: _Fit, total: float) -> _Fit:
+def _refine(vector: Vector, motion: _Motion, fit: _Fit, total: float) -> _Fit:
     """Linear correction of all parameters, by the current of the d axis."""
-    turned = _corrected(vector, motion, fit)
+    turned = _correct(vector, motion, fit)
     # The torque accelerates the axis: this is the q axis, with its sign, whatever the d axis holds.
     along = complex(np.sum(turned * motion.acceleration))
     zero = float(np.angle(along))
@@ -285,9 +285,12 @@ def _refined(vector: Vector, motion: _Motion, fit: _Fit, total: float) -> _Fit:
     explained = 1.0 - 2.0 * float(np.sum(residual**2)) / total if total > 0 else 0.0
     turns = fit.turns + float(answer[3]) / (2 * math.pi)
     shift = float(answer[2] - answer[3] * motion.position.mean())
+    late = fit.late
+    if fit.turns != 0:
+        late += float(answer[4]) / (2 * math.pi * fit.turns)
     return _Fit(
         turns=turns,
-        late=fit.late + float(answer[4]) / (2 * math.pi * fit.turns or math.inf),
+        late=late,
         zero=fit.zero + zero + shift,
         offset=fit.offset + complex(answer[5], answer[6]),
         unequal=fit.unequal + complex(answer[7], answer[8]),

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, cast
 
@@ -411,5 +411,6 @@ def _cells(trips: Sequence[_Trip], transients: xr.Dataset) -> list[tuple[object,
     rows = zip(*columns, strict=True)
     cells: list[tuple[object, ...]] = []
     for trip in trips:
-        cells += [next(rows) for _ in trip.segments] or [()]
+        own = list(islice(rows, len(trip.segments)))
+        cells += own or [()]
     return cells

@@ -52,7 +52,7 @@ _UNIDIRECTIONAL = 0.98  # correlation of direction and offset above which they c
 _PARAMETERS = 4
 _TERMS = 5  # of the fit: acceleration, speed, sign of speed, one, second derivative of acceleration
 # And other models of friction: |v| (directions differ), v|v|, sign exp(−(v/v_s)²), sign exp(−s/s_0) with the
-# way s since standstill, x, x sign.
+# distance s since standstill, x, x sign.
 _ALL_TERMS = 11
 _STRIBECK = 0.1  # v_s of the cruising speed
 _PRESLIDING = 1e-4  # m, s_0: rolling guides slide after some 10 µm; below 1 mm the filter makes all alike
@@ -192,8 +192,8 @@ def _terms(position: Array, rate: float, smoothing: float, cruise: float) -> tup
     stribeck = sign * np.exp(-((speed / (_STRIBECK * cruise)) ** 2))
     starts = np.flatnonzero(np.diff(sign, prepend=sign[0]))
     before = np.searchsorted(starts, np.arange(len(sign)), side="right")
-    way = np.abs(position - np.concatenate([position[:1], position[starts]])[before])
-    presliding = sign * np.exp(-way / _PRESLIDING)
+    distance = np.abs(position - np.concatenate([position[:1], position[starts]])[before])
+    presliding = sign * np.exp(-distance / _PRESLIDING)
 
     def smooth(x: Array) -> Array:
         return differentiate(x, rate, smoothing, 0)
@@ -280,11 +280,11 @@ def estimate_rigid_body(
     MeasurementError
         If the record has too little motion to separate the parameters.
     """
-    fit = solve(_added(sums))
-    others = [solve(_added(check)).parameters - fit.parameters]
+    fit = solve(_add_up(sums))
+    others = [solve(_add_up(check)).parameters - fit.parameters]
     noise = np.array(fit.uncertainty)
     try:
-        full = solve(_added(sums), _ALL_TERMS)
+        full = solve(_add_up(sums), _ALL_TERMS)
         others.append(np.array([full.equivalent_mass - fit.equivalent_mass, 0.0, 0.0, 0.0]))
         # The rest of the residual is friction that repeats.
         noise *= min(1.0, full.residual / fit.residual)
@@ -331,13 +331,13 @@ def _jackknife(sums: Sequence[NormalEquations], groups: Sequence[Hashable]) -> A
     for name in names:
         rest = [part for part, group in zip(sums, groups, strict=True) if group != name]
         try:
-            estimates.append(solve(_added(rest)).parameters)
+            estimates.append(solve(_add_up(rest)).parameters)
         except MeasurementError:
             return None
     return np.asarray(math.sqrt(len(names) - 1) * np.std(estimates, axis=0))
 
 
-def _added(sums: Sequence[NormalEquations]) -> NormalEquations:
+def _add_up(sums: Sequence[NormalEquations]) -> NormalEquations:
     return sum(sums, NormalEquations())
 
 

@@ -20,7 +20,7 @@ from ballscrew.service.pages.sign_in import is_for_all, local_address
 from ballscrew.service.serving import TOO_LARGE, RefusedError, Service
 
 _LONGEST_BODY = 64 << 20  # bytes of any body but a file's: MODEL.json has a few
-_LONGEST_OF_ALL = 1 << 16  # bytes of the forms that anybody and viewers may send
+_LONGEST_PUBLIC_BODY = 1 << 16  # bytes of the forms that anybody and viewers may send
 _MOST_DIGITS = 19  # of a number in a header
 _OPEN = ("/livez", "/readyz")  # without a token
 _READING = ("GET", "HEAD", "OPTIONS")
@@ -65,7 +65,7 @@ class Guard:
         if _is_file(scope):
             await self.app(scope, receive, answer)
         else:
-            await self._pass_on(scope, _LimitedBody(receive, _longest(scope)), answer)
+            await self._pass_on(scope, _LimitedBody(receive, _body_limit(scope)), answer)
 
     def _answering(self, scope: Scope, send: Send) -> Send:
         """Send an answer with the headers of all answers."""
@@ -111,7 +111,7 @@ class Guard:
             except RefusedError as error:
                 if error.status != 401 or not is_for_all(path):
                     raise
-        if not _is_file(scope) and not _is_short(headers.get("content-length", "0"), _longest(scope)):
+        if not _is_file(scope) and not _is_short(headers.get("content-length", "0"), _body_limit(scope)):
             raise _too_large()
 
     def _check_host(self, method: str, headers: Mapping[str, str]) -> None:
@@ -152,14 +152,14 @@ async def _check_form(scope: Scope, receive: Receive) -> Receive:
         given = _token_of(content)
         receive = _again(content, receive)
     if not hmac.compare_digest(given, caller.form_token.encode()):
-        raise RefusedError(403, "the form is of an earlier session: load its page again.")
+        raise RefusedError(403, "the form is from an earlier session: reload the page.")
     return receive
 
 
 def _check_origin(headers: Headers) -> None:
     """Refuse a change that does not state its site; that of another site is refused before."""
     if "origin" not in headers and headers.get("sec-fetch-site") != "same-origin":
-        raise RefusedError(403, "the request does not state of which site it is (Origin).")
+        raise RefusedError(403, "the request has no Origin header.")
 
 
 def _token_of(form: bytes) -> bytes:
@@ -238,14 +238,14 @@ def _is_from_another_site(method: str, headers: Mapping[str, str]) -> bool:
     return method != "GET" or link != ("navigate", "document")
 
 
-def _longest(scope: Scope) -> int:
+def _body_limit(scope: Scope) -> int:
     """Bytes that the body of a request may have, unless it is a file.
 
     FastAPI parses a body before the route refuses its caller: that of one who may only read stays small.
     """
     caller: Caller | None = scope.get("state", {}).get("caller")
     is_reader = caller is not None and caller.role == "viewer"
-    return _LONGEST_OF_ALL if is_reader or is_for_all(scope["path"]) else _LONGEST_BODY
+    return _LONGEST_PUBLIC_BODY if is_reader or is_for_all(scope["path"]) else _LONGEST_BODY
 
 
 def _is_short(length: str, most: int) -> bool:

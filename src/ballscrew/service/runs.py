@@ -194,7 +194,9 @@ def _content(
             raise InputError(f"the axis has no {name}: PUT it with the axis, or send it with the run.")
     with text_files(texts) as paths:
         names = [Path(file["name"]) for file in files]
-        job = Job.of(names, paths["channels"], paths["axis"], paths.get("plan"), stated.load, None, None)
+        job = Job.read(
+            names, channels=paths["channels"], axis=paths["axis"], plan=paths.get("plan"), mass=stated.load
+        )
     if job.sheet is not None and job.sheet.name != axis:
         raise InputError(f"the data sheet is that of the axis {shown(job.sheet.name)}, not of {shown(axis)}.")
     time = stated.measured_at

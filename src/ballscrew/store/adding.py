@@ -160,7 +160,7 @@ def add_recordings(
     """
     from ballscrew.modal.analyze import AnalysisOptions, examine
 
-    job = Job.of(path, None, None, None, None, None, None)
+    job = Job.read(path)
     options = AnalysisOptions(method=method)
     recordings = job.inputs_read[len(job.documents) :]
     hashes = list(map(hash_file, recordings))

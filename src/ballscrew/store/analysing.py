@@ -126,7 +126,7 @@ def analyse_files(
     """
     with text_files(documents) as texts, materialised(folder, list(files)) as paths:
         channels, axis, plan = (texts.get(kind) for kind in ("channels", "axis", "plan"))
-        job = Job.of(paths, channels, axis, plan, stated["mass_kg"], None, None)
+        job = Job.read(paths, channels=channels, axis=axis, plan=plan, mass=stated["mass_kg"])
         job = replace(job, measured_at=stated["measured_at"], temperature=stated["temperature_C"])
         try:
             run = examine(job, AnalysisOptions(method=method)).run

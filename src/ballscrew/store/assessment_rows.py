@@ -281,7 +281,7 @@ def _update_alarms(session: Session, state: HealthState, axis: Axis) -> None:
 
 
 def _alarms(state: HealthState) -> list[tuple[int, str]]:
-    """Epoch and begin of every alarm in the history."""
+    """Epoch and start of every alarm in the history."""
     found, before = [], ""
     for run in state.runs:
         if run.state == "alarm" and before != "alarm":

@@ -127,7 +127,7 @@ def test_a_delayed_motion_of_the_motor_makes_all_good_cells_suspect_with_a_reaso
         ({"band_low": 1.0}, "the band reaches from 1 to 2.6 times the mode's frequency; it must contain"),
         ({"band_high": 0.9}, "it must contain the mode"),
         ({"band_high": float("inf")}, "it must contain the mode"),
-        ({"lowest": 500.0, "highest": 400.0}, "the mode is sought from 500 to 400 Hz"),
+        ({"lowest": 500.0, "highest": 400.0}, "the search range is 500 to 400 Hz"),
         ({"lowest": 0.0}, "the first must be above 0 and below the second"),
         ({"rate": 5.9}, "the rate is 5.9 times the mode's frequency; it must be 6 or more"),
         ({"rate": float("nan")}, "the rate is nan times"),

@@ -21,7 +21,9 @@ PRIOR = [Prior((("power", 1.0),), 0.5, 0.7)]
 
 def initial(run: SmallRun, power: float) -> AxialMode:
     middle = float(np.mean(list(run.free.values())))
-    return AxialMode(compliance_of(middle), 0.3, 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03, power=power)
+    return AxialMode(
+        compliance_of(middle), 0.3, 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03, damping_exponent=power
+    )
 
 
 @pytest.fixture(scope="module")
@@ -42,13 +44,13 @@ def test_a_limit_is_reached_and_the_other_parameters_are_as_with_the_field_at_it
     start: float,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert abs(free.modes[0].power) < WIDE
-    limit = free.modes[0].power + 0.3 * side
+    assert abs(free.modes[0].damping_exponent) < WIDE
+    limit = free.modes[0].damping_exponent + 0.3 * side
     limits = (limit, WIDE) if side > 0 else (-WIDE, limit)
     monkeypatch.setitem(parameters._LIMITS, "power", limits)
     found = fit_blocks(blocks[:1], [initial(run, start)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
     there = fit_blocks(blocks[:1], [initial(run, limit)], FIELDS, (), 30, 1e-12)
-    assert found.modes[0].power == limit
+    assert found.modes[0].damping_exponent == limit
     assert found.log_residual > free.log_residual
     for field in FIELDS:
         assert getattr(found.modes[0], field) == pytest.approx(getattr(there.modes[0], field), rel=1e-4)
@@ -58,11 +60,11 @@ def test_a_limit_is_reached_and_the_other_parameters_are_as_with_the_field_at_it
 def test_a_limit_at_which_a_fit_begins_is_left(
     run: SmallRun, blocks: list[Block], free: JointFit, side: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    begin = free.modes[0].power + 0.5 * side
+    begin = free.modes[0].damping_exponent + 0.5 * side
     limits = (-WIDE, begin) if side > 0 else (begin, WIDE)
     monkeypatch.setitem(parameters._LIMITS, "power", limits)
     found = fit_blocks(blocks[:1], [initial(run, begin)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
-    assert found.modes[0].power == pytest.approx(free.modes[0].power, abs=0.01)
+    assert found.modes[0].damping_exponent == pytest.approx(free.modes[0].damping_exponent, abs=0.01)
 
 
 def test_limits_are_those_of_the_parameters() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ballscrew.base.errors import InputError
-from ballscrew.modal.joint.signals import decimated, trip_signals
+from ballscrew.modal.joint.signals import decimate, trip_signals
 from ballscrew.recording.aligned import Aligned
 
 
@@ -30,8 +30,8 @@ def test_what_lies_above_it_goes() -> None:
 
 def test_thinning_again_keeps_the_least_rate() -> None:
     trip = trip_signals(tone(100.0), 6400.0)
-    assert decimated(trip, 3000.0).rate == 3200.0
-    assert decimated(trip, 5000.0) is trip
+    assert decimate(trip, 3000.0).rate == 3200.0
+    assert decimate(trip, 5000.0) is trip
 
 
 def test_a_rate_of_nothing_is_refused() -> None:

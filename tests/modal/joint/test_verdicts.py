@@ -16,8 +16,8 @@ from ballscrew.modal.joint.profile import Profile
 from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.verdicts import (
+    _ambiguous_load,
     _moved_by_ripple,
-    _other_nut,
     _reason_of_worst_cell,
     _responses_differ,
     _run_reasons,
@@ -54,11 +54,11 @@ def test_a_run_is_suspect_if_only_the_nut_of_the_sheet_is_unloaded(
     mode = replace(MODE, mass_over_preload=found)
     result = SimpleNamespace(fit=SimpleNamespace(modes=(mode,)), profile=Profile(False, expected))
     frequencies = SimpleNamespace(nut_load=np.array([load / 2, load]))
-    reason = _other_nut(cast(SearchResult, result), cast(CellFrequencies, frequencies))
+    reason = _ambiguous_load(cast(SearchResult, result), cast(CellFrequencies, frequencies))
     assert (reason is not None) == suspect
     if reason is not None:
         assert reason.kind == "unloaded"
-        assert "at most 1.3 times the preload by the run, but 3.0 times by data sheet" in reason.text
+        assert "at most 1.3 times the preload from the run, but 3.0 times by data sheet" in reason.text
 
 
 @pytest.mark.parametrize(("load", "suspect"), [(2.6, True), (2.3, False)])
@@ -67,10 +67,10 @@ def test_the_load_by_the_run_is_that_without_the_lower_limit_of_the_sheet(load: 
     profile = Profile(False, 1.2, least_mass_over_preload=1.0)  # doubles the load by the run
     result = SimpleNamespace(fit=SimpleNamespace(modes=(mode,)), profile=profile)
     frequencies = SimpleNamespace(nut_load=np.array([load]))
-    reason = _other_nut(cast(SearchResult, result), cast(CellFrequencies, frequencies))
+    reason = _ambiguous_load(cast(SearchResult, result), cast(CellFrequencies, frequencies))
     assert (reason is not None) == suspect
     if reason is not None:
-        assert "at most 1.3 times the preload by the run, but 3.1 times by data sheet" in reason.text
+        assert "at most 1.3 times the preload from the run, but 3.1 times by data sheet" in reason.text
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_all_cells_are_suspect_if_either_mode_may_be_that_of_the_frame(
 ) -> None:
     module = "ballscrew.modal.joint.verdicts"
     monkeypatch.setattr(f"{module}._moved_by_ripple", lambda _: False)
-    for name in ("_unmeasured_force", "_other_nut", "_responses_differ"):
+    for name in ("_unmeasured_force", "_ambiguous_load", "_responses_differ"):
         monkeypatch.setattr(f"{module}.{name}", lambda *_: None)
     frame = FrameMode(41.0, 0.5, 0.02, 12.3, 0.1, distinct, pitching)
     found = with_fields(search_result(replace(MODE, frame=41.0), 0.1), frame=frame)

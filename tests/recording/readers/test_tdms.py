@@ -72,9 +72,9 @@ WHOLE = tdms({"a": X, "b": X})
     ("content", "why"),
     [
         (WHOLE[:-8], "the file is cut: it holds"),
-        (WHOLE[:20], "byte 0 is not the begin of a segment"),
+        (WHOLE[:20], "byte 0 is not the start of a segment"),
         (WHOLE + WHOLE[:100], "the file is cut: it holds"),
-        (WHOLE + b"TDSm", f"byte {len(WHOLE)} is not the begin"),
+        (WHOLE + b"TDSm", f"byte {len(WHOLE)} is not the start"),
         (WHOLE[:12] + b"\xff" * 8 + WHOLE[20:], "never completed"),
         (WHOLE[:20] + b"\xff" * 8 + WHOLE[28:], "the file is cut"),
         # A segment that says that it is shorter, and one whose last chunk is not complete.

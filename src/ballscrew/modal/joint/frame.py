@@ -177,12 +177,12 @@ def _pitching_imitates_frame(plain: JointFit, profile: Profile) -> bool:
     pitch = plain.modes[0].pitch
     start = _with_frame(plain.blocks, plain.modes, pitch, _RATIO)
     motor_alone = all(b.name == "torque-motor" for b in plain.blocks)  # the motor does not pitch
-    if motor_alone or not _is_frame(start[0]):
+    if motor_alone or not is_frame(start[0]):
         return False
     with_frame = replace(profile, pitch=pitch, frame=True)
     priors = with_frame.priors(INITIAL_INFLATION)
     modes, residual = fit_modes(plain.blocks, start, with_frame.fields, priors, most_steps=_MOST_STEPS)
-    return _is_frame(modes[0]) and plain.log_residual - residual >= _LEAST_REDUCTION_BY_PITCHING
+    return is_frame(modes[0]) and plain.log_residual - residual >= _LEAST_REDUCTION_BY_PITCHING
 
 
 def _frame_beside(
@@ -203,7 +203,7 @@ def _frame_beside(
     fits = [
         fit_modes(plain.blocks, start, with_frame.fields, priors, most_steps=_MOST_STEPS) for start in starts
     ]
-    possible = [fit for fit in fits if _is_frame(fit[0][0])]
+    possible = [fit for fit in fits if is_frame(fit[0][0])]
     best, residual = min(possible, key=lambda fit: fit[1], default=(plain.modes, math.inf))
     reduction = residual_without - residual
     if reduction < least_reduction:
@@ -224,8 +224,19 @@ def _residual_with_pitch(plain: JointFit, profile: Profile) -> float:
     return fit_modes(plain.blocks, plain.modes, with_pitch.fields, with_pitch.priors(INITIAL_INFLATION))[1]
 
 
-def _is_frame(mode: AxialMode) -> bool:
-    """True if the frame's mode is near the axial one, and has mass and damping ratio of a machine's frame."""
+def is_frame(mode: AxialMode) -> bool:
+    """True if the frame's mode is near the axial one, and has mass and damping ratio of a machine's frame.
+
+    Parameters
+    ----------
+    mode : AxialMode
+        Of a fit, with a frame.
+
+    Returns
+    -------
+    bool
+        False where the fit is more likely to have explained something else.
+    """
     near = _LEAST_FREQUENCY < mode.frame / mode.middle_frequency < _LARGEST_FREQUENCY
     return near and mode.frame_damping < _MOST_DAMPING and mode.coupling * _MOST_MASS >= 1
 

@@ -26,7 +26,7 @@ _SHORTEST = 0.05  # m, least length of the axis that is assumed where the slopes
 
 # Term "residual", of an unmeasured force that excites the mode: error over the half-width of the resonance
 # (damping ratio times frequency), per unexplained part of the power of the response.
-_FORCE = 0.5
+_FORCE_ERROR = 0.5
 # Part of the power unexplained by the motor's motion that is due to such a force; the rest is encoder noise.
 _FORCE_OF_MOTION = 0.6
 
@@ -34,16 +34,16 @@ _FORCE_OF_MOTION = 0.6
 _INTERPOLATION = 0.06
 # Term "noise": factor of the uncertainty by the scatter of cells, since about half of this variance is also
 # in the scatter of conditions.
-_CELLS = math.sqrt(0.5)
+_SCATTER_FACTOR = math.sqrt(0.5)
 
 # Term "load": relative errors for a nut that is all of the compliance, at a load F on the nut that is equal
 # to its preload P. In proportion to the nut's share of the compliance.
-_WORN = 0.008  # by even wear that the run does not show: times (F/P)² and the result of `sheet_weight`
-_LAW = 5e-4  # by the law of the softening: times F/P below 1 and (F/P)² above
+_WEAR_ERROR = 0.008  # by even wear that the run does not show: times (F/P)² and the result of `sheet_weight`
+_LAW_ERROR = 5e-4  # by the law of the softening: times F/P below 1 and (F/P)² above
 
 # Relative standard uncertainty of the rotor-held frequency as the zero of the motor's response to the torque,
 # by modes above the band, beside the shift by their column: on the bench it is 0.4 % off.
-_ZERO = 0.003
+_ZERO_ERROR = 0.003
 
 # Term "ripple", of a force between whole orders of a turn, as of a belt, that is fitted as whole orders:
 # relative error if it caused the whole power of the response, in proportion to its amplitude.
@@ -61,11 +61,11 @@ _DAMPERS = 1.0
 # 0.15 % at most in 30 runs, with frames of 4 to 20 times the moving mass at 0.7 to 1.2 of the mode. With a
 # table that pitches at 0.75 to 1.35 of the mode it is 0.3 % at most in 16 runs of eight such axes with a
 # coupling up to 0.2, and 0.7 % with one of 0.23.
-_FRAME = 1e-3
-_PITCHING = 2e-3
+_FRAME_ERROR = 1e-3
+_PITCHING_ERROR = 2e-3
 # The same with a frame far above the mode. With frames at 1.6 and 1.8 of the mode of nine random axes the
 # error is up to 0.8 %, in runs with a standard uncertainty of 0.3 % without this term.
-_HIGH_FRAME = 3e-3
+_HIGH_FRAME_ERROR = 3e-3
 # Coupling (moving mass over the frame's) from which on the term grows with its square. On distributed screws
 # with a frame of 4 times the moving mass at 0.75 of the mode the error is up to 1.5 %.
 _FRAME_COUPLING = 1 / 8
@@ -178,13 +178,11 @@ def estimate_frequencies(
     if mass_over_preload > 0:
         # Not lower than by the data sheet's lower limit.
         loads = loads * max(1.0, found.profile.least_mass_over_preload / mass_over_preload)
-    by_law = _LAW * loads * np.maximum(loads, 1.0)
-    load_information = found.profile.load_information(found.variation.prior_inflation)
-    by_wear = _WORN * sheet_weight(fit, load_information) * loads**2
-    terms.append(UncertaintyTerm("load", False, (np.hypot(by_law, by_wear) * shares * rotor_free)[None]))
-    unmeasured, fractional = _unmeasured_power(found), any(order.fractional for order in found.ripple)
-    if fractional and unmeasured > _LEAST_UNMEASURED:
-        terms.append(UncertaintyTerm("ripple", False, _FRACTIONAL * math.sqrt(unmeasured) * rotor_free[None]))
+    by_load = _load_error(found, loads) * shares
+    terms.append(UncertaintyTerm("load", False, (by_load * rotor_free)[None]))
+    by_ripple = _ripple_error(found)
+    if by_ripple > 0:
+        terms.append(UncertaintyTerm("ripple", False, by_ripple * rotor_free[None]))
     amplitude = _rounding_amplitude(fit, rounding)
     damped_amplitude = fit.modes[ROTOR_FREE].damping * amplitude
     if damped_amplitude > _LEAST_ROUNDING:
@@ -192,6 +190,22 @@ def estimate_frequencies(
         tilt = _ROUNDING_TILT * amplitude * (stops - stops.mean()) / (length / 2)
         terms.append(UncertaintyTerm("steps", False, np.stack([mean, tilt]) * rotor_free))
     return CellFrequencies(rotor_free, terms, rotor_held, rotor_held_uncertainty, loads)
+
+
+def _load_error(found: SearchResult, loads: Array) -> Array:
+    """Relative error of the nut's stiffness by the test's own load, at each stop."""
+    by_law = _LAW_ERROR * loads * np.maximum(loads, 1.0)
+    load_information = found.profile.load_information(found.variation.prior_inflation)
+    by_wear = _WEAR_ERROR * sheet_weight(found.fit, load_information) * loads**2
+    return np.asarray(np.hypot(by_law, by_wear))
+
+
+def _ripple_error(found: SearchResult) -> float:
+    """Relative error of the frequencies by an unmeasured force between whole orders."""
+    unmeasured = _unmeasured_power(found)
+    if unmeasured <= _LEAST_UNMEASURED or not any(order.fractional for order in found.ripple):
+        return 0.0
+    return _FRACTIONAL * math.sqrt(unmeasured)
 
 
 def _rounding_amplitude(fit: JointFit, rounding: float) -> float:
@@ -238,7 +252,7 @@ def _frequency_and_terms(
     fit, f = final.fit, final.curve(mode, stops)
     by_motion = unexplained_power(fit).get("motor-nut", 0.0)
     unexplained = max(fit.projections[0].unexplained, _FORCE_OF_MOTION * by_motion)
-    force = _FORCE * unexplained * fit.modes[mode].damping
+    force = _FORCE_ERROR * unexplained * fit.modes[mode].damping
     floor = settings.model_floor
     if mode == ROTOR_HELD:
         floor = settings.rotor_held_floor
@@ -246,7 +260,7 @@ def _frequency_and_terms(
     interpolation = _INTERPOLATION / 2 * f[None] * local_residue(fit.modes[0], stops)
     terms = [
         # Neither of these two contains all of the other.
-        UncertaintyTerm("noise", False, _CELLS * final.effects(mode, stops, "noise")),
+        UncertaintyTerm("noise", False, _SCATTER_FACTOR * final.effects(mode, stops, "noise")),
         UncertaintyTerm("conditions", False, final.effects(mode, stops, "conditions")),
         # Half of the change of the frequency by the whitening, and half of that by the tie of the slopes.
         UncertaintyTerm("weights", True, (f - unwhitened.curve(mode, stops))[None] / 2),
@@ -268,10 +282,10 @@ def _frame_term(frame: FrameSearch, mode: AxialMode, *, far_above: bool) -> tupl
     """Relative uncertainty of a frequency by the frame's mode, and the relative excess to subtract."""
     growth = max(1.0, mode.coupling / _FRAME_COUPLING) ** 2
     if frame.pitching:
-        return growth * _PITCHING, 0.0
-    relative = _FRAME
+        return growth * _PITCHING_ERROR, 0.0
+    relative = _FRAME_ERROR
     if far_above:
-        relative = _HIGH_FRAME
+        relative = _HIGH_FRAME_ERROR
     whole = mode.screw_shift * mode.coupling  # the excess if the mass of the screw is distributed
     return math.hypot(growth * relative, FORM_DEVIATION * whole), whole * min(max(mode.form, 0.0), 1.0)
 
@@ -306,7 +320,7 @@ def _rotor_held_frequency(
     else:
         rotor_held = zero
         uncertainty = np.sqrt(zero_uncertainty**2 + (rotor_free_uncertainty * zero / rotor_free) ** 2)
-        uncertainty = np.hypot(uncertainty, _ZERO * rotor_held)
+        uncertainty = np.hypot(uncertainty, _ZERO_ERROR * rotor_held)
     # If the motor's motion is mostly noise, as with a coarse encoder, neither method determines the
     # frequency.
     for name, power in unexplained_power(found.unwhitened).items():

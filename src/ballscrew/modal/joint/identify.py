@@ -21,7 +21,7 @@ from ballscrew.modal.joint.initial import (
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.search import SearchResult, search
 from ballscrew.modal.joint.settings import RESPONSES, JointSettings, Response
-from ballscrew.modal.joint.signals import TripSignals, decimated, position_range
+from ballscrew.modal.joint.signals import TripSignals, decimate, position_range
 from ballscrew.modal.joint.verdicts import joint_result, refused_run
 from ballscrew.modal.reason import Reason
 
@@ -146,7 +146,7 @@ def _search_around(
 
     ``inertia`` is the total inertia, in units of the recorded force per m/s². Returns the reason if it fails.
     """
-    reduced = [decimated(trip, settings.rate * initial.rotor_free) for trip in trips]
+    reduced = [decimate(trip, settings.rate * initial.rotor_free) for trip in trips]
     refusal = rate_refusal(reduced[0].rate, initial.rotor_free, settings)
     if refusal is not None:
         return refusal

@@ -57,7 +57,7 @@ class AxialMode:
     local : tuple of float
         Compliance that local wear adds at each of ``stops``, over the compliance in the middle; linear
         between stops.
-    power : float
+    damping_exponent : float
         Exponent of the frequency in the damping ratio along the axis: 1 for viscous damping in the springs,
         -1 for viscous damping in the guide, 0 for hysteresis.
     weight : float
@@ -95,7 +95,7 @@ class AxialMode:
     pitch_damping: float
     stops: tuple[float, ...] = ()
     local: tuple[float, ...] = ()
-    power: float = 0.0
+    damping_exponent: float = 0.0
     weight: float = 0.0
     frame: float = 0.0
     frame_damping: float = 0.05
@@ -149,7 +149,7 @@ def relative_compliance(mode: AxialMode, centred_position: Array) -> Array:
 def damping_ratio(mode: AxialMode, frequency: Array) -> Array:
     """Damping ratio at positions where the undamped natural frequency is ``frequency`` (Hz)."""
     middle = 1 / (2 * math.pi * math.sqrt(mode.compliance))  # Hz
-    return np.asarray(np.minimum(mode.damping * (frequency / middle) ** mode.power, _MOST_DAMPING))
+    return np.asarray(np.minimum(mode.damping * (frequency / middle) ** mode.damping_exponent, _MOST_DAMPING))
 
 
 def local_compliance(mode: AxialMode, centred_position: Array) -> Array:

@@ -39,7 +39,7 @@ LOGARITHMIC = ("compliance", "damping", "mass_over_preload", *FRAME_FIELDS, *PIT
 _LIMITS = {
     "damping": (1e-3, 0.5),
     "pitch_damping": (1e-3, 0.5),
-    "power": (-2.0, 2.0),
+    "damping_exponent": (-2.0, 2.0),
     "frame_damping": (2e-3, 0.3),
     "coupling": (1e-5, 1.0),
 }

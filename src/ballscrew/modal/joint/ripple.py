@@ -189,7 +189,7 @@ class RippleModel:
         base = replace(
             base,
             damping=INITIAL_DAMPING,
-            power=0.0,
+            damping_exponent=0.0,
             mass_over_preload=self.profile.mass_over_preload,
             form_curve=modes[0].form_curve,
             coupling=modes[0].coupling,

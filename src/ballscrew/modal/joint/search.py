@@ -24,7 +24,7 @@ from ballscrew.modal.joint.blocks import (
     with_whitening,
 )
 from ballscrew.modal.joint.fit import CLEAR_REDUCTION, JointFit, fit_blocks, fit_modes
-from ballscrew.modal.joint.frame import LEAST_REDUCTION_BESIDE_RIPPLE, FrameSearch, find_frame
+from ballscrew.modal.joint.frame import LEAST_REDUCTION_BESIDE_RIPPLE, FrameSearch, find_frame, is_frame
 from ballscrew.modal.joint.initial import (
     InitialValues,
     expected_mass_over_preload,
@@ -63,7 +63,7 @@ _HIDES_FRICTION = 0.2  # over the rms response there, noise included: more noise
 _BEFORE_SLIDING = 0.006  # s
 _AFTER_SLIDING = 0.015  # s
 
-OTHER_NUT = 1.5
+AMBIGUOUS_LOAD_RATIO = 1.5
 """Ratio of the expected to the fitted mass over preload from which on the fit may have missed a worn nut."""
 
 _WORN = 10.0  # initial mass over preload of the fit of a worn nut, over that by the nominal preload
@@ -150,20 +150,21 @@ def search(
     plain = fit_blocks(blocks, modes, profile.fields, profile.priors(INITIAL_INFLATION))
     modes = plain.modes
     frame = find_frame(plain, profile, pitch_measured=pitch_measured)
+    fitted = None
     if frame is not None:
         # The axial mode may be at another frequency with it, so the windows are filtered for the band there.
         axial = frame.modes[0].middle_frequency
         low, high = settings.band_low * axial, settings.band_high * axial
         in_band = average_windows(trips, transients, inertia, low, high) or w
         with_frame = replace(_profile(initial, w.middle, axial), pitch=frame.modes[0].pitch, frame=True)
-        fitted = fit_with_ripple(in_band, frame.modes, with_frame)
+        beside_ripple = fit_with_ripple(in_band, frame.modes, with_frame)
         # Ripple is not fitted while a frame is searched for, and a frame may explain some of it.
         without = fit_with_ripple(in_band, modes, profile)
-        reduction = without.ripple.fit.log_residual - fitted.ripple.fit.log_residual
-        if reduction < LEAST_REDUCTION_BESIDE_RIPPLE:
-            frame = None
-    if frame is None:
-        fitted = fit_with_ripple(w, modes, profile)
+        reduction = without.ripple.fit.log_residual - beside_ripple.ripple.fit.log_residual
+        if reduction >= LEAST_REDUCTION_BESIDE_RIPPLE and is_frame(beside_ripple.ripple.fit.modes[0]):
+            fitted = beside_ripple
+    if fitted is None:
+        frame, fitted = None, fit_with_ripple(w, modes, profile)
     unwhitened, profile = fitted.ripple.fit, fitted.profile
     blocks = _whitened_blocks(unwhitened, settings)
     final, variation = fit_profile(blocks, unwhitened.modes, profile, fitted.ripple.variation, _ITERATIONS)
@@ -317,7 +318,7 @@ def _refit_with_expected_nut(
     the expected one is not repeated.
     """
     expected, fitted = profile.mass_over_preload, fit.modes[0].mass_over_preload
-    if not expected > 0 or 1 / OTHER_NUT < expected / fitted < OTHER_NUT:
+    if not expected > 0 or 1 / AMBIGUOUS_LOAD_RATIO < expected / fitted < AMBIGUOUS_LOAD_RATIO:
         return fit, variation
     modes = tuple(replace(mode, mass_over_preload=expected) for mode in fit.modes)
     other, other_variation = fit_profile(blocks, modes, profile, variation, _ITERATIONS)

@@ -77,7 +77,7 @@ class JointSettings:
             )
         if not 0 < self.lowest < self.highest < float("inf"):
             raise InputError(
-                f"the mode is sought from {self.lowest:g} to {self.highest:g} Hz;"
+                f"the search range is {self.lowest:g} to {self.highest:g} Hz;"
                 " the first must be above 0 and below the second."
             )
         if not 6 <= self.rate < float("inf"):

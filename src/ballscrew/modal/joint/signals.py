@@ -91,7 +91,7 @@ def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
         _rounding(aligned.input, aligned.rate),
         motor=aligned.motor,
     )
-    return decimated(trip, rate)
+    return decimate(trip, rate)
 
 
 def _rounding(force: Array, rate: float) -> float:
@@ -113,7 +113,7 @@ def position_range(trips: Sequence[TripSignals]) -> tuple[float, float]:
     return float(positions.min()), float(positions.max())
 
 
-def decimated(trip: TripSignals, rate: float) -> TripSignals:
+def decimate(trip: TripSignals, rate: float) -> TripSignals:
     """Trip at the lowest rate, not below ``rate`` (Hz), that is its own divided by a whole number."""
     step = max(1, int(trip.rate / rate + 1e-9))  # an exact division may be rounded down
     if step == 1:

@@ -76,7 +76,7 @@ MOST_SHARE = 0.95
 _SIDE_BY_SIDE = 8
 
 # Elements of ``parameters``.
-_COMPLIANCE, _SLOPE, _CURVE, _DAMPING, _MASS_OVER_PRELOAD, _NUT_SHARE, _POWER = range(7)
+_COMPLIANCE, _SLOPE, _CURVE, _DAMPING, _MASS_OVER_PRELOAD, _NUT_SHARE, _DAMPING_EXPONENT = range(7)
 _COUPLING, _FRAME_FREQUENCY, _FRAME_DAMPING = range(7, 10)
 # Elements of the state of a window: deflection of the spring (m), displacement of the frame (m), their rates.
 _DEFLECTION, _RATE, _FRAME_DISPLACEMENT, _FRAME_RATE = range(4)
@@ -132,7 +132,7 @@ def simulation_parameters(mode: AxialMode) -> Array:
     out[_DAMPING] = mode.damping
     out[_MASS_OVER_PRELOAD] = mode.mass_over_preload
     out[_NUT_SHARE] = mode.nut_share
-    out[_POWER] = mode.power
+    out[_DAMPING_EXPONENT] = mode.damping_exponent
     out[_COUPLING] = mode.frame_coupling
     out[_FRAME_FREQUENCY] = 2 * math.pi * mode.frame
     out[_FRAME_DAMPING] = mode.frame_damping
@@ -173,11 +173,12 @@ def _factors(square: float, parameters: Array, dt: float) -> tuple[float, float]
     With them the difference equation has the poles of the differential equation at ``square``. Damping acts
     on the rate at the start of the step.
     """
-    compliance, damping, power = parameters[_COMPLIANCE], parameters[_DAMPING], parameters[_POWER]
-    # ζ is proportional to w^power. The first terms of the series by w² about its value in the middle suffice:
-    # stiffnesses along an axis differ by tens of percent.
+    compliance, damping = parameters[_COMPLIANCE], parameters[_DAMPING]
+    exponent = parameters[_DAMPING_EXPONENT]
+    # ζ is proportional to w^exponent. The first terms of the series by w² about its value in the middle
+    # suffice: stiffnesses along an axis differ by tens of percent.
     excess = square * compliance - 1
-    zeta = damping * (1 + 0.5 * power * excess * (1 + 0.25 * (power - 2) * excess))
+    zeta = damping * (1 + 0.5 * exponent * excess * (1 + 0.25 * (exponent - 2) * excess))
     return _exact_factors(math.sqrt(square), min(max(zeta, _LEAST_DAMPING), _MOST_DAMPING), dt)
 
 

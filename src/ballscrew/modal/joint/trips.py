@@ -92,7 +92,7 @@ def trip_shifts(
     return tuple(out)
 
 
-def disagreement(shifts: Sequence[TripShift]) -> Reason | None:
+def trips_differ(shifts: Sequence[TripShift]) -> Reason | None:
     """Reason to make the cells suspect, if a trip differs clearly from the mean of the others; else None.
 
     An error of the model is common to all trips and cancels in the difference.

@@ -270,7 +270,7 @@ def _add_to_parameters(
 
 
 def _frequency_gradient(fit: JointFit, mode_index: int, centred_position: Array) -> Array:
-    """Derivatives of the frequency (Hz) of a mode by the parameters, shape (positions, parameters).
+    """Derivatives of a mode's frequency (Hz) with respect to the parameters, shape (positions, parameters).
 
     ``centred_position`` are positions from the middle, m. The frequency is undamped and that of the unloaded
     nut, so the derivatives by damping and mass over preload are 0.

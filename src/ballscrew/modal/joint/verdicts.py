@@ -19,9 +19,9 @@ from ballscrew.modal.joint.frame import is_far_above
 from ballscrew.modal.joint.frequencies import CellFrequencies, estimate_frequencies, unexplained_power
 from ballscrew.modal.joint.mode import damping_ratio, mode_frequency
 from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
-from ballscrew.modal.joint.search import OTHER_NUT, SearchResult
+from ballscrew.modal.joint.search import AMBIGUOUS_LOAD_RATIO, SearchResult
 from ballscrew.modal.joint.settings import JointSettings
-from ballscrew.modal.joint.trips import disagreement
+from ballscrew.modal.joint.trips import trips_differ
 from ballscrew.modal.joint.uncertainty import (
     cell_deviations,
     mass_over_preload,
@@ -136,7 +136,7 @@ def joint_result(
         All cells of the transients.
     """
     refusal = _run_refusal(found, settings)
-    differing = disagreement(found.trips)
+    differing = trips_differ(found.trips)
     if refusal is not None:
         return refused_run(transients, differing or refusal, found.ripple)
     fit, w = found.fit, found.fit.blocks[0].windows
@@ -282,9 +282,9 @@ def _run_reasons(found: SearchResult, frequencies: CellFrequencies) -> list[Reas
     fit = found.unwhitened
     possible = (
         _uncertain_frame(found),
-        disagreement(found.trips),
+        trips_differ(found.trips),
         _unmeasured_force(fit),
-        _other_nut(found, frequencies),
+        _ambiguous_load(found, frequencies),
         _responses_differ(found.fit, frequencies),
     )
     out = [reason for reason in possible if reason is not None]
@@ -313,7 +313,7 @@ def _uncertain_frame(found: SearchResult) -> Reason | None:
     return None
 
 
-def _other_nut(found: SearchResult, frequencies: CellFrequencies) -> Reason | None:
+def _ambiguous_load(found: SearchResult, frequencies: CellFrequencies) -> Reason | None:
     """The reason, if the expected load unloads the nut, and is much larger than the fitted one.
 
     The load is expected from data sheet and frequency. A nut softens until the load unloads it and stiffens
@@ -326,11 +326,11 @@ def _other_nut(found: SearchResult, frequencies: CellFrequencies) -> Reason | No
         return None
     ratio = found.profile.mass_over_preload / fitted
     highest /= max(1.0, found.profile.least_mass_over_preload / fitted)
-    if ratio < OTHER_NUT or ratio * highest <= RELEASE:
+    if ratio < AMBIGUOUS_LOAD_RATIO or ratio * highest <= RELEASE:
         return None
     text = (
-        f"the test's load is at most {highest:.1f} times the preload by the run, but {ratio * highest:.1f} "
-        "times by data sheet and frequency, and may unload the nut: test with a lower acceleration"
+        f"the test's load is at most {highest:.1f} times the preload from the run, but {ratio * highest:.1f} "
+        "times from data sheet and frequency, and may unload the nut: test with a lower acceleration"
     )
     return Reason("unloaded", text)
 
@@ -350,7 +350,7 @@ def _responses_differ(fit: JointFit, frequencies: CellFrequencies) -> Reason | N
         return None
     to_percent = 100 / frequencies.rotor_free[worst]
     text = (
-        f"the frequency by the motor's response differs from that by the nut's by up to "
+        f"the frequencies from the motor's and the nut's response differ by up to "
         f"{to_percent * difference[worst]:+.2f} ± {to_percent * deviation[worst]:.2f} %: is a sensor loose, "
         "or the torque filtered?"
     )

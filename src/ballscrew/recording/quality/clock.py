@@ -103,8 +103,8 @@ def measure_move_times(motion: Kinematics, phases: Sequence[MotionPhase], plan: 
         in_plan = planned.dwell > planned.acceleration_time and not planned.start_spread
         if speed is None or not in_plan:
             continue
-        way = abs(end.stop_position - start.stop_position)
-        moving = way / speed + planned.acceleration_time * planned.speed / speed
+        distance = abs(end.stop_position - start.stop_position)
+        moving = distance / speed + planned.acceleration_time * planned.speed / speed
         dwell = (following.start - start.start) / motion.rate - moving
         if dwell > 0:
             times.append(planned.dwell)
@@ -146,8 +146,8 @@ def cruising_speed(motion: Kinematics, start: MotionPhase, end: MotionPhase) -> 
     first, last = start.stop + int(_SETTLING * cruise), end.start - int(_BRAKING * cruise)
     if last - first <= _LEAST_CRUISE * motion.rate:
         return None
-    way = abs(float(motion.position[last] - motion.position[first]))
-    return way * motion.rate / (last - first) if way > 0 else None
+    distance = abs(float(motion.position[last] - motion.position[first]))
+    return distance * motion.rate / (last - first) if distance > 0 else None
 
 
 def estimate_clock(trips: Sequence[MoveTimes]) -> Clock | None:

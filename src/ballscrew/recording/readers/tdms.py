@@ -101,7 +101,7 @@ def _check_segments(stream: IO[bytes], size: int) -> None:
         stream.seek(at)
         lead_in = stream.read(_LEAD_IN)
         if len(lead_in) < _LEAD_IN or not lead_in.startswith(_TAG):
-            raise ValueError(f"byte {at} is not the begin of a segment: the file is cut or damaged")
+            raise ValueError(f"byte {at} is not the start of a segment: the file is cut or damaged")
         order = ">" if lead_in[4] & _BIG_ENDIAN else "<"
         length, metadata = struct.unpack_from(f"{order}QQ", lead_in, 12)
         if length == _NEVER_CLOSED:
