@@ -109,15 +109,18 @@ def test_candidates_are_never_too_close(sheet, positions):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"change_minutes": -1.0}, "change_minutes is -1"),
-        ({"change_minutes": float("nan")}, "change_minutes is nan"),
+        (
+            {"change_minutes": -1.0},
+            "the time to change the load, in minutes, is -1.0; it must be a number, 0 or more",
+        ),
+        ({"change_minutes": float("nan")}, "in minutes, is nan"),
         ({"loads": ()}, "0 were given"),
         ({"loads": (1.0, 1.0)}, "each given once"),
         ({"loads": (-1.0, 1.0)}, "a load, in kg, is -1.0; it must be a number, 0 or more"),
         ({"loads": (float("nan"),)}, "is nan"),
         ({"loads": ("50 kg",)}, "is '50 kg'"),
         ({"loads": tuple(float(i) for i in range(99))}, "99 were given"),
-        ({"adjust_minutes": -1.0}, "adjust_minutes is -1"),
+        ({"adjust_minutes": -1.0}, "the time to set another preload, in minutes, is -1"),
         ({"preloads": (600.0, 600.0)}, "each given once"),
         ({"preloads": (0.0,)}, "a preload, in N, is 0.0; it must be a number, more than 0"),
         ({"preloads": (float("nan"),)}, "a preload, in N, is nan"),

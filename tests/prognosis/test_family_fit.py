@@ -31,7 +31,7 @@ def covariance() -> np.ndarray:
     walk = (READINGS.typical / math.sqrt(days[-1])) ** 2
     least = np.minimum(days[:, None], days[None, :])
     noise = np.diag((READINGS.uncertainty * READINGS.smoothed**0.5) ** 2)
-    return 1e-6 * days[:, None] * days[None, :] + walk * least + READINGS.start**2 + noise
+    return 1e-6 * days[:, None] * days[None, :] + walk * least + READINGS.start_deviation**2 + noise
 
 
 def test_past_forecasts_are_those_of_the_gaussian_process() -> None:

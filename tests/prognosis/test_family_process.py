@@ -42,11 +42,17 @@ def test_evidence_and_forecasts_are_those_of_the_whole_covariance(family: Family
         exponent, g = cloud.exponent[member], course[member]
         depth = wear_depth(READINGS.remaining, exponent)
         slope = READINGS.smoothed**-exponent
-        warm = READINGS.by_kelvin * READINGS.warmer * slope
+        warm = READINGS.kelvin_deviation * READINGS.temperature * slope
         spread = cloud.noise[member] * READINGS.uncertainty * slope
         pace = (cloud.walk[member] * READINGS.typical) ** 2
         by_motion = pace * np.minimum(since[member][:, None], since[member])
-        whole = np.outer(g, g) + by_motion + READINGS.start**2 + np.outer(warm, warm) + np.diag(spread**2)
+        whole = (
+            np.outer(g, g)
+            + by_motion
+            + READINGS.start_deviation**2
+            + np.outer(warm, warm)
+            + np.diag(spread**2)
+        )
         density = multivariate_normal(cov=whole).logpdf(depth) + len(duty) / 2 * np.log(2 * np.pi)
         assert found.gains[member].sum() == pytest.approx(density + np.log(slope).sum(), abs=1e-4)
         mean, variance = g @ np.linalg.solve(whole, depth), 1 - g @ np.linalg.solve(whole, g)

@@ -208,8 +208,8 @@ def optimise(
     validate_plan(plan, sheet)
     validate_plan(replace(plan, preloads=forces), sheet)
     times = change_minutes, adjust_minutes
-    check_setting("change_minutes", change_minutes, least=0.0, most=_MOST_MINUTES)
-    check_setting("adjust_minutes", adjust_minutes, least=0.0, most=_MOST_MINUTES)
+    for minutes, what in ((change_minutes, "change the load"), (adjust_minutes, "set another preload")):
+        check_setting(f"the time to {what}, in minutes,", minutes, least=0.0, most=_MOST_MINUTES)
     if scatter is None:
         scatter = default_scatter(sheet)
     span = plan.positions[0], plan.positions[-1]

@@ -16,7 +16,7 @@ from ballscrew.modal.joint.parameters import limits_of
 
 FIELDS = ("compliance", "damping", "slope")
 WIDE = 50.0
-PRIOR = [Prior((("power", 1.0),), 0.5, 0.7)]
+PRIOR = [Prior((("damping_exponent", 1.0),), 0.5, 0.7)]
 
 
 def initial(run: SmallRun, power: float) -> AxialMode:
@@ -30,8 +30,8 @@ def initial(run: SmallRun, power: float) -> AxialMode:
 def free(run: SmallRun, blocks: list[Block]) -> JointFit:
     """The fit with wide limits of the power."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(parameters._LIMITS, "power", (-WIDE, WIDE))
-        return fit_blocks(blocks[:1], [initial(run, 0.0)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
+        patch.setitem(parameters._LIMITS, "damping_exponent", (-WIDE, WIDE))
+        return fit_blocks(blocks[:1], [initial(run, 0.0)], (*FIELDS, "damping_exponent"), PRIOR, 30, 1e-12)
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -47,8 +47,8 @@ def test_a_limit_is_reached_and_the_other_parameters_are_as_with_the_field_at_it
     assert abs(free.modes[0].damping_exponent) < WIDE
     limit = free.modes[0].damping_exponent + 0.3 * side
     limits = (limit, WIDE) if side > 0 else (-WIDE, limit)
-    monkeypatch.setitem(parameters._LIMITS, "power", limits)
-    found = fit_blocks(blocks[:1], [initial(run, start)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
+    monkeypatch.setitem(parameters._LIMITS, "damping_exponent", limits)
+    found = fit_blocks(blocks[:1], [initial(run, start)], (*FIELDS, "damping_exponent"), PRIOR, 30, 1e-12)
     there = fit_blocks(blocks[:1], [initial(run, limit)], FIELDS, (), 30, 1e-12)
     assert found.modes[0].damping_exponent == limit
     assert found.log_residual > free.log_residual
@@ -62,14 +62,14 @@ def test_a_limit_at_which_a_fit_begins_is_left(
 ) -> None:
     begin = free.modes[0].damping_exponent + 0.5 * side
     limits = (-WIDE, begin) if side > 0 else (begin, WIDE)
-    monkeypatch.setitem(parameters._LIMITS, "power", limits)
-    found = fit_blocks(blocks[:1], [initial(run, begin)], (*FIELDS, "power"), PRIOR, 30, 1e-12)
+    monkeypatch.setitem(parameters._LIMITS, "damping_exponent", limits)
+    found = fit_blocks(blocks[:1], [initial(run, begin)], (*FIELDS, "damping_exponent"), PRIOR, 30, 1e-12)
     assert found.modes[0].damping_exponent == pytest.approx(free.modes[0].damping_exponent, abs=0.01)
 
 
 def test_limits_are_those_of_the_parameters() -> None:
     """Logarithms for fields whose logarithm is fitted; the values of limits are modes at the limits."""
-    which = [("damping", 0), ("power", None), ("slope", 0), ("local:0", None)]
+    which = [("damping", 0), ("damping_exponent", None), ("slope", 0), ("local:0", None)]
     low, high = limits_of(which)
     np.testing.assert_allclose(np.exp([low[0], high[0]]), (1e-3, 0.5))
     assert (low[1], high[1], low[3], high[3]) == (-2.0, 2.0, -0.8, 20.0)
@@ -81,7 +81,7 @@ def test_a_response_without_a_residual_is_fitted(run: SmallRun, blocks: list[Blo
     """As of a sensor that shows nothing: the weight of its residual is still a number."""
     w = replace(blocks[0].windows, nut=np.zeros_like(blocks[0].windows.nut))
     silent = replace(blocks[0], windows=w)
-    found = fit_blocks([silent], [initial(run, 0.0)], (*FIELDS, "power"), PRIOR)
+    found = fit_blocks([silent], [initial(run, 0.0)], (*FIELDS, "damping_exponent"), PRIOR)
     assert np.isfinite(found.hessian).all()
     assert all(np.isfinite(each).all() for each in found.residual)
 
@@ -89,6 +89,6 @@ def test_a_response_without_a_residual_is_fitted(run: SmallRun, blocks: list[Blo
 def test_a_parameter_without_a_range_stays(
     run: SmallRun, blocks: list[Block], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(parameters._LIMITS, "power", (0.5, 0.5))
-    found = fit_blocks(blocks[:1], [initial(run, 0.0)], ("power",), PRIOR, 30, 1e-12)
+    monkeypatch.setitem(parameters._LIMITS, "damping_exponent", (0.5, 0.5))
+    found = fit_blocks(blocks[:1], [initial(run, 0.0)], ("damping_exponent",), PRIOR, 30, 1e-12)
     assert found.modes == (initial(run, 0.5),)

@@ -12,7 +12,10 @@ from ballscrew.modal.joint.local_wear import local_fields, with_stops
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
 from ballscrew.modal.joint.parameters import Parameter, read_parameter
 
-PARAMETERS: list[Parameter] = [("power", None), *((f, k) for k in (0, 1) for f in ("compliance", "slope"))]
+PARAMETERS: list[Parameter] = [
+    ("damping_exponent", None),
+    *((f, k) for k in (0, 1) for f in ("compliance", "slope")),
+]
 
 
 def test_a_block_that_depends_on_no_parameter_adds_nothing(run: SmallRun, blocks: list[Block]) -> None:

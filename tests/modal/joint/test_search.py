@@ -116,7 +116,7 @@ def test_a_fit_from_the_expected_nut_replaces_one_that_is_clearly_worse(
 @pytest.mark.parametrize("softening", [0.1, 0.0])
 def test_fields_of_a_profile_are_those_that_it_states(curved: bool, softening: float) -> None:
     fields = Profile(curved, softening).fields
-    assert {"compliance", "damping", "slope", "power"} <= set(fields)
+    assert {"compliance", "damping", "slope", "damping_exponent"} <= set(fields)
     assert ("curve" in fields) == curved
     assert ("mass_over_preload" in fields) == (softening > 0)
 

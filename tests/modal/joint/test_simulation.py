@@ -69,7 +69,7 @@ def poles(free: np.ndarray) -> tuple[float, float]:
 def test_the_damping_ratio_goes_with_a_power_of_the_frequency(power: float, softer: float) -> None:
     drive = np.zeros(2000)
     drive[3] = 100.0
-    frequency, ratio = poles(rung(150.0, 0.03, drive, softer=softer, damping_exponent=power)[20:400])
+    frequency, ratio = poles(rung(150.0, 0.03, drive, softer=softer, power=power)[20:400])
     assert frequency == pytest.approx(150.0 / math.sqrt(1 + softer), rel=3e-4)
     assert ratio == pytest.approx(0.03 * (1 + softer) ** (-power / 2), rel=0.03)
 

@@ -96,14 +96,14 @@ def test_one_response_has_no_difference(both: JointFit) -> None:
 def test_tied_slopes_are_nearer_and_what_both_modes_share_stays(run: SmallRun) -> None:
     """A common parameter is not changed, so its covariance is not either."""
     found, _ = first_fit(run)
-    fields = ("compliance", "slope", "power")
+    fields = ("compliance", "slope", "damping_exponent")
     fit = fit_blocks([make_block(name, found.blocks[0].windows) for name in ("torque-nut", "motor-nut")],
                      (found.modes[0],) * 2, fields)  # fmt: skip
     none = np.zeros((len(fit.parameters),) * 2)
     loose, tied = (tie_slopes(fit, none, deviation, 0.3) for deviation in (1e6, 1e-6))
     assert tied.modes[0].slope == pytest.approx(tied.modes[1].slope, rel=1e-3)
     assert abs(fit.modes[0].slope - fit.modes[1].slope) > 1e-3 * abs(tied.modes[0].slope)
-    shared = fit.parameters.index(("power", None))
+    shared = fit.parameters.index(("damping_exponent", None))
     for part in ("noise", "conditions"):
         before, after = getattr(loose, part), getattr(tied, part)
         assert before[shared, shared] > 0

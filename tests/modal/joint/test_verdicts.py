@@ -58,7 +58,7 @@ def test_a_run_is_suspect_if_only_the_nut_of_the_sheet_is_unloaded(
     assert (reason is not None) == suspect
     if reason is not None:
         assert reason.kind == "unloaded"
-        assert "at most 1.3 times the preload from the run, but 3.0 times by data sheet" in reason.text
+        assert "at most 1.3 times the preload from the run, but 3.0 times from data sheet" in reason.text
 
 
 @pytest.mark.parametrize(("load", "suspect"), [(2.6, True), (2.3, False)])
@@ -70,7 +70,7 @@ def test_the_load_by_the_run_is_that_without_the_lower_limit_of_the_sheet(load: 
     reason = _ambiguous_load(cast(SearchResult, result), cast(CellFrequencies, frequencies))
     assert (reason is not None) == suspect
     if reason is not None:
-        assert "at most 1.3 times the preload from the run, but 3.1 times by data sheet" in reason.text
+        assert "at most 1.3 times the preload from the run, but 3.1 times from data sheet" in reason.text
 
 
 @pytest.mark.parametrize(
