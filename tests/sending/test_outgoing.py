@@ -226,6 +226,18 @@ def test_a_file_that_cannot_be_opened_is_not_complete(tmp_path: Path) -> None:
     assert isinstance(error, InputError)
 
 
+@pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="open files are shown on Linux")
+def test_a_file_to_which_a_program_writes_is_not_complete(tmp_path: Path) -> None:
+    touch(tmp_path, "X_1.h5")
+    watched = WatchedFolder(tmp_path, RunRule(pattern="{axis}_{run}.h5"), settle=0, timeout=0)
+    with (tmp_path / "X_1.h5").open("ab"):
+        ((_, error),) = watched.scan(0)
+        assert "X_1.h5: is in use (a program is writing to it)" in str(error)
+    with (tmp_path / "X_1.h5").open("rb"):
+        ((_, run),) = watched.scan(0)
+        assert not isinstance(run, InputError)
+
+
 def test_a_file_that_is_open_on_windows_is_not_complete(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -345,7 +345,7 @@ def test_a_run_of_an_axis_that_is_not_set_up_waits_while_others_are_sent(
 ) -> None:
     result = send_files(run_toml, rule=RunRule(axis="Y axis"))
     assert (result.waiting, result.rejected, scene.waits) == (1, (), [])
-    assert "there is no axis 'Y axis' yet (404 " in result.reason
+    assert "no run of the axis 'Y axis' can be received yet (404 " in result.reason
     assert server.received == 0
     server.faults.append(Fault("POST", 500))  # it is repeated, though the other would have to wait for long
     result = send_files(write_run(tmp_path / "other", [b"three"]))
@@ -408,7 +408,11 @@ def test_a_damaged_manifest_does_not_stop_the_others(
     result = send([write_run(tmp_path / "other", [b"3"])], server.address, settings=settings)
     assert (result.waiting, len(server.runs)) == (0, 1)
     assert settings.spool
-    assert (settings.spool / "rejected" / folder.name / "answer.txt").exists()
+    rejected = settings.spool / "rejected" / folder.name
+    assert (rejected / "answer.txt").exists()
+    (sentence,) = result.rejected
+    assert "manifest.json" in sentence
+    assert sentence.endswith(f"(its copy is in {rejected})")
 
 
 @pytest.mark.parametrize(

@@ -169,6 +169,16 @@ def test_a_column_of_the_map_is_asked_for_alone(
     assert client.get(address, params=asked).status_code == 202
 
 
+def test_a_corrected_run_is_on_the_map(client: TestClient, run: str) -> None:
+    correction = {"measured_at": "2026-06-01T09:00Z", "reason": "clock"}
+    number = client.get(f"/api/v1/runs/{run}").json()["run"]["id"]
+    answer = client.post(f"/api/v1/axes/bench/runs/{number}/correct", json=correction)
+    assert answer.status_code == 200, answer.json()
+    found = client.get("/api/v1/axes/bench/responses?cell=3")
+    assert found.status_code == 200
+    assert found.json()["magnitude_dB"] != [None]
+
+
 def test_a_cell_or_an_axis_that_is_not_there_has_no_map(client: TestClient, run: str) -> None:
     answer = client.get("/api/v1/axes/bench/responses?cell=999")
     assert (answer.status_code, "none of the number 999" in answer.json()["detail"]) == (404, True)

@@ -21,7 +21,11 @@ if TYPE_CHECKING:
 
 DataOption = Annotated[
     Path | None,
-    option("Data folder of the store. [default: in the user's data directory]", "DIR", "--data"),
+    option(
+        "Data folder of the store. [default: BALLSCREW_STORE, or in the user's data directory]",
+        "DIR",
+        "--data",
+    ),
 ]
 
 token = typer.Typer(

@@ -100,11 +100,12 @@ def link(name: NameArgument, data: DataOption = None, as_json: Json = False) -> 
 
 
 def _address(data: Path | None) -> str:
-    """Beginning of the address of a link, by the settings of the server; read before anything is changed."""
+    """Beginning of the address of a link; read before anything is changed."""
     from ballscrew.service.settings import default_folder, read_settings
-    from ballscrew.service.users import address_of_server
+    from ballscrew.service.users import address_last_served
 
-    return f"{address_of_server(read_settings(data or default_folder(), None, {}))}/link/"
+    folder = data or default_folder()
+    return f"{address_last_served(folder, read_settings(folder, None, {}))}/link/"
 
 
 def _print_link(name: str, address: str, *, as_json: bool) -> int:

@@ -257,7 +257,8 @@ def _notes(newest: Epoch, history: HistoryState, chart: Chart | None) -> tuple[s
     last = moment(history.newest, "a run: measured_at")
     later = [event for event in newest.events if event.kind != "note" and event.when > last]
     notes = [
-        f"{event.kind} at {event.at} is later than the newest run: it takes effect with the next run."
+        f"{event.kind} at {event.at} is later than the newest run: it takes effect with the first run after "
+        "it."
         for event in later
     ]
     if chart is not None and chart.newest_stiffer:

@@ -161,6 +161,8 @@ def send(
     for sentence in failures:
         hooks.complain(sentence)
     spooled = [*sender.spool.names(), *(run.name for run in pending)]
+    if spooled and not reason:
+        reason = f"{sender.spool.folder}: another process sends from this spool."
     return SendResult(tuple(sender.sent), tuple(sender.rejected), tuple(failures), tuple(spooled), reason)
 
 
@@ -329,7 +331,7 @@ class _Sender:
     def _send_each(self) -> DelayError | None:
         self.server.authorise()
         delay = None
-        for run in self.spool.runs():
+        for run in self.spool.runs(self._refuse):
             try:
                 answer = self.server.send(run, self._progress(run))
             except RefusalError as error:
@@ -347,7 +349,9 @@ class _Sender:
 
     def _reject(self, run: SpooledRun, error: RefusalError) -> None:
         place = self.spool.reject(run.folder, str(error))
-        sentence = f"{run.name}: refused: {error} (its copy is in {place})"
+        self._refuse(f"{run.name}: refused: {error} (its copy is in {place})")
+
+    def _refuse(self, sentence: str) -> None:
         self.rejected.append(sentence)
         self.hooks.complain(sentence)
 

@@ -305,7 +305,7 @@ class Server:
             return DelayError(f"{self.address}: {self._token_refused(response)}", lasting=True)
         if status == 404:
             axis = unquote(url.split("/")[4])
-            reason = f"there is no axis {shown(axis)} yet ({_detail(response)})."
+            reason = f"no run of the axis {shown(axis)} can be received yet ({_detail(response)})."
             return DelayError(f"{self.address}: {reason}", general=False, lasting=True)
         return RefusalError(_detail(response))
 

@@ -12,7 +12,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -198,14 +198,15 @@ class Spool:
                 if locked:
                     unlock(stream)
 
-    def runs(self) -> list[SpooledRun]:
+    def runs(self, complain: Callable[[str], None]) -> list[SpooledRun]:
         """Runs in the order in which they were spooled; damaged ones are rejected. Needs the lock."""
         found = []
         for folder in _folders(self.queue):
             try:
                 found.append(read_manifest(folder))
             except InputError as error:
-                self.reject(folder, str(error))
+                place = self.reject(folder, str(error))
+                complain(f"{error} (its copy is in {place})")
         return sorted(found, key=_spooled_at)
 
     def waiting(self) -> int:

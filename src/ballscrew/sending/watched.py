@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -89,6 +91,9 @@ class WatchedFolder:
             run = run_of(group, self.rule)
             for path in run.paths:
                 self._check(path)
+            writing = _open_for_writing(run.paths)
+            if writing is not None:
+                raise InputError(f"{writing}: is in use (a program is writing to it).")
             return run
         except InputError as error:
             return error
@@ -145,3 +150,20 @@ class WatchedFolder:
             known = (state, now)
             self._changes[path] = known
         return known[1]
+
+
+def _open_for_writing(paths: Iterable[Path]) -> Path | None:
+    """One of some files to which a program of the same user is writing; Linux shows these in /proc."""
+    places = {str(path.resolve()): path for path in paths}
+    for descriptor in Path("/proc").glob("[0-9]*/fd/*"):
+        with suppress(OSError, ValueError):  # of another user, or closed meanwhile
+            path = places.get(str(descriptor.readlink()))
+            if path is not None and _is_for_writing(descriptor):
+                return path
+    return None
+
+
+def _is_for_writing(descriptor: Path) -> bool:
+    text = (descriptor.parent.parent / "fdinfo" / descriptor.name).read_text(encoding="ascii")
+    flags = dict(line.split(":", 1) for line in text.splitlines() if ":" in line)["flags"]
+    return int(flags, 8) & (os.O_WRONLY | os.O_RDWR) != 0

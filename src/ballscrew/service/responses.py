@@ -279,7 +279,8 @@ def _course(session: Session, axis: Axis, cell: int, folder: str) -> CellCourse:
     tasks = {}
     for run in newest:
         with suppress(RefusedError):  # its RUN.toml is not known
-            tasks[run.id] = _response_task(session, StoredRun(axis, run, ()), folder)
+            row = session.get_one(RunRow, run.id)
+            tasks[run.id] = _response_task(session, StoredRun(axis, row, ()), folder)
     return CellCourse(cells, runs, frequency, tasks, len(stored) - len(newest) + len(tasks))
 
 

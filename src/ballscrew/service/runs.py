@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PureWindowsPath
+from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, Depends
@@ -182,7 +183,7 @@ def _recordings(stated: RunFile, hashes: Mapping[str, str]) -> list[dict[str, st
 
 def _base(path: Path) -> str:
     """Name of a file without its folder, which may be written as on Windows."""
-    return PureWindowsPath(str(path)).name
+    return re.split(r"[\\/]", str(path))[-1]
 
 
 def _content(
@@ -191,7 +192,7 @@ def _content(
     """What is analysed, as :func:`ballscrew.store.adding.add_recordings` states it."""
     for kind, name in (("axis", "data sheet"), ("channels", "channel map")):
         if kind not in texts:
-            raise InputError(f"the axis has no {name}: PUT it with the axis, or send it with the run.")
+            raise RefusedError(404, f"the axis has no {name}: PUT it with the axis, or send it with the run.")
     with text_files(texts) as paths:
         names = [Path(file["name"]) for file in files]
         job = Job.read(

@@ -17,6 +17,7 @@ import uvicorn
 from sqlalchemy import select
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import write_text
 from ballscrew.service.alarms import watch_for_silence, write_messages
 from ballscrew.service.app import create_app
 from ballscrew.service.delivering import run_messages
@@ -26,7 +27,7 @@ from ballscrew.service.logs import logging_to
 from ballscrew.service.serving import ServedStore, Service
 from ballscrew.service.settings import ServerSettings, default_folder, origins, plain_setting, read_settings
 from ballscrew.service.uploads import recover_uploads, remove_unused
-from ballscrew.service.users import LINK_HOURS, address_of_server, first_link
+from ballscrew.service.users import ADDRESS_FILE, LINK_HOURS, address_of_server, first_link
 from ballscrew.service.working import Worker
 from ballscrew.store.folder import DataFolder
 from ballscrew.store.migrating import create_store
@@ -104,6 +105,7 @@ def serve(
         if not quiet:
             shown_host = f"[{host}]" if ":" in host else host
             print(f"Serving {folder} at {scheme}://{shown_host}:{port}", flush=True)  # noqa: T201
+        write_text(folder / ADDRESS_FILE, address_of_server(settings, port))
         _print_first_link(service, port)
         with logging_to(folder, settings.log), _working(service, workers):
             server.run(sockets=[listener])

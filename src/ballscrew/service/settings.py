@@ -292,7 +292,10 @@ def _environment(name: str) -> str:
 
 
 def default_folder() -> Path:
-    """Data folder in the user's data directory."""
+    """Data folder in BALLSCREW_STORE, or else in the user's data directory."""
+    stated = os.environ.get("BALLSCREW_STORE")
+    if stated:
+        return Path(stated)
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA") or str(Path.home() / "AppData" / "Local")
         return Path(base) / "ballscrew"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import unicodedata
+from pathlib import Path
 from typing import Any
 
 from sqlalchemy import func, select
@@ -19,6 +20,9 @@ from ballscrew.store.service_tables import Invitation, User, UserSession
 
 LOCAL = "local"
 """Who uses this computer before there is a user, and the command line, in the audit."""
+
+ADDRESS_FILE = "store.address"
+"""File in the data folder with the address at which it was served last."""
 
 LINK_HOURS = 24
 """Time for which a link is valid."""
@@ -228,6 +232,17 @@ def address_of_server(settings: ServerSettings, port: int | None = None) -> str:
     if ":" in host:
         host = f"[{host}]"
     return f"{scheme}://{host}:{port or settings.port}"
+
+
+def address_last_served(folder: Path, settings: ServerSettings) -> str:
+    """Address of the server of a data folder as it was started last; by the settings, if it never was."""
+    try:
+        started = (folder / ADDRESS_FILE).read_text(encoding="utf-8").strip()
+    except OSError:
+        started = ""
+    if settings.public_url is not None or not started:
+        return address_of_server(settings)
+    return started
 
 
 def _need(session: Session, name: str) -> User:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -42,6 +43,7 @@ from ballscrew.store.tables import (
     Source,
 )
 
+_DAY = 86400.0  # s: clocks of two computers may differ
 METHOD_REVISION = 1
 """Raised only when a method gives other numbers for the same recordings and settings."""
 
@@ -366,6 +368,8 @@ def insert_events(session: Session, axis: Axis, events: tuple[Event, ...]) -> tu
         check_text("the text of an event", event.text)
         if event.kind == METHOD_CHANGED:
             raise InputError(f"an event {event.kind!r} is not added: 'reprocess --switch' makes it.")
+        if event.when.timestamp() > time.time() + _DAY:
+            raise InputError(f"{event.kind} at {event.at} lies in the future; check its date.")
         key = digest({"axis": axis.name, "at": event.at, "kind": event.kind, "text": event.text})
         digests.append(key)
         if session.scalar(select(EventRow.id).where(EventRow.digest == key)) is None:

@@ -77,6 +77,8 @@ def correct_run(
         ).all():
             corrected = amend_result(session, row, method, measured_at=measured_at, mass=mass)
             new = corrected.id
+            if (corrected.measured_at, corrected.mass_kg) == (row.measured_at, row.mass_kg):
+                raise InputError(f"the run {shown(row.run[:12])} has this time and load already.")
             newest = newest_version(session, row)
             if newest not in (row.run, new):
                 what = shown(row.run[:12])
@@ -200,7 +202,7 @@ def choose_model(store: OpenStore, axis: str, model: str, *, reason: str = "") -
         row = find_axis(session, axis)
         matches = Model.digest.startswith(model, autoescape=True)
         found = session.scalars(select(Model.digest).where(Model.axis_id == row.id, matches)).all()
-        if len(found) != 1:
+        if not model or len(found) != 1:
             raise InputError(
                 f"{len(found)} models of the axis {shown(axis)} begin with {shown(model)}; give one."
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import unicodedata
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -254,7 +255,7 @@ def method_row(session: Session, run: Run, revision: int) -> Method:
 
 
 def check_key(what: str, value: str) -> None:
-    """Check that a text can be a key: not too long, not blank, without control characters.
+    """Check that a text can be a key: not too long, and not to be confused with another one.
 
     Parameters
     ----------
@@ -272,8 +273,13 @@ def check_key(what: str, value: str) -> None:
         raise InputError(f"{what} has {len(value)} characters; it must have {_LONGEST_NAME} at most.")
     if not value.strip():
         raise InputError(f"{what} is {value!r}; it must not be blank.")
-    if printable(value) != value:
+    invisible = any(unicodedata.category(character) == "Cf" for character in value)
+    if printable(value) != value or invisible:
         raise InputError(f"{what} is {shown(value)}; it must not contain control characters.")
+    if " ".join(value.split()) != value:
+        raise InputError(
+            f"{what} is {shown(value)}; it must not begin or end with blanks, or have two in a row."
+        )
 
 
 def check_text(what: str, text: str) -> None:

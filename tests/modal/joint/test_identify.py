@@ -17,7 +17,7 @@ from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.signals import TripSignals
-from ballscrew.testbed.example import AXIS, LOAD
+from ballscrew.testbed.example import LOAD
 from ballscrew.testbed.trip import Rig
 
 
@@ -223,8 +223,14 @@ def test_a_mode_beyond_the_range_asks_for_no_higher_rate(frequency: float, reaso
     """The recording may have that rate: without a data sheet it was reduced for the range."""
     found = identify._frequency_refusal(4000.0, frequency, None, JointSettings())
     assert reason == (found and found.kind)
-    with_sheet = identify._frequency_refusal(4000.0, frequency, AXIS, JointSettings())
+    with_sheet = identify._frequency_refusal(4000.0, frequency, frequency, JointSettings())
     assert (with_sheet and with_sheet.kind) == (None if frequency < 400 else "low-rate")
+    wrong_sheet = identify._frequency_refusal(4000.0, frequency, 100.0, JointSettings())
+    assert (wrong_sheet is None) == (frequency < 400)
+    if wrong_sheet is not None:
+        assert wrong_sheet.text.endswith(
+            "far above the 100 Hz that the data sheet predicts: check the data sheet"
+        )
 
 
 def test_what_does_not_fit_together_is_an_error() -> None:

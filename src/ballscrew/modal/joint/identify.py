@@ -31,6 +31,7 @@ _LEAST_CELLS = 3  # least number of cells: the compliance along the axis has two
 _SEARCHES = 4  # largest number of searches, each around the frequency that the previous one found
 # Initial values of a search.
 _ROTOR_HELD_RATIO = 0.8  # rotor-held over rotor-free frequency, as for a rotor of 1.8 times the moving mass
+_FAR_ABOVE = 1.5  # frequency over that by the data sheet from which on the sheet is in doubt, not the rate
 _SLOPE = 1.0  # 1/m, relative slope of the compliance along the axis
 
 
@@ -102,7 +103,8 @@ def identify_jointly(
         if isinstance(found, Reason):
             return refused_run(transients, found)
         frequency = found.fit.modes[0].middle_frequency
-        refusal = _frequency_refusal(trips[0].rate, frequency, sheet, settings)
+        predicted = initial.rotor_free if sheet is not None else None
+        refusal = _frequency_refusal(trips[0].rate, frequency, predicted, settings)
         if refusal is not None:
             return refused_run(transients, refusal)
         # A mode at the edge of the frequencies tried may not be the best one: the band may exclude a better
@@ -121,16 +123,25 @@ def _no_mode(settings: JointSettings) -> Reason:
 
 
 def _frequency_refusal(
-    rate: float, frequency: float, sheet: DataSheet | None, settings: JointSettings
+    rate: float, frequency: float, predicted: float | None, settings: JointSettings
 ) -> Reason | None:
     """Reason to refuse a mode whose frequency (Hz) is too high for the sampling rate (Hz); None if it is not.
 
-    Without a data sheet, recordings are decimated for modes up to ``settings.highest``. A mode above it
-    counts as not found: a higher rate of the recording would not change the rate after decimation.
+    Recordings are decimated for the frequency that a data sheet predicts, or without one for modes up to
+    ``settings.highest``. Far above it, a higher rate of the recording would not change the rate after
+    decimation.
     """
     refusal = rate_refusal(rate, frequency, settings)
-    if refusal is not None and sheet is None and frequency > settings.highest:
+    if refusal is None:
+        return None
+    if predicted is None and frequency > settings.highest:
         return _no_mode(settings)
+    if predicted is not None and frequency > _FAR_ABOVE * predicted:
+        text = (
+            f"the mode is near {frequency:.0f} Hz, far above the {predicted:.0f} Hz that the data sheet "
+            "predicts: check the data sheet"
+        )
+        return Reason("no-mode", text)
     return refusal
 
 
