@@ -30,7 +30,7 @@ from ballscrew.calibration.modelfile import read_model, write_model
 from ballscrew.estimation.nut import nut_evidence
 from ballscrew.estimation.preload import preload
 from ballscrew.estimation.samples import load_significance, share_uncertainty
-from ballscrew.estimation.verdict import doubts_of_cells
+from ballscrew.estimation.verdict import doubts_of_cells, sheet_notes
 from ballscrew.modal.reason import Reason, ReasonKind
 from ballscrew.modal.run import FrameMode, Run
 from ballscrew.recording.quality.clock import Clock
@@ -659,3 +659,17 @@ def test_a_kilogram_is_compared_with_the_uncertainty_of_cells_and_share(level: f
     by_share = abs(level) * share_uncertainty(model, assumptions)
     found = load_significance(cast(Any, change), cast(Any, fused), model, assumptions)
     assert found == pytest.approx(0.003 / np.hypot(0.003, by_share))
+
+
+@pytest.mark.parametrize(
+    ("of_run", "of_baseline", "differs"), [("a", "a", False), ("a", "b", True), ("a", None, False)]
+)
+def test_another_data_sheet_than_the_baselines_is_noted(
+    of_run: str, of_baseline: str | None, differs: bool
+) -> None:
+    run, baseline = (
+        cast(Run, SimpleNamespace(made=SimpleNamespace(inputs={"axis": sheet})))
+        for sheet in (of_run, of_baseline)
+    )
+    assert bool(sheet_notes(run, baseline)) == differs
+    assert sheet_notes(run, None) == []

@@ -155,7 +155,7 @@ def test_a_change_by_a_session_needs_the_token_of_its_forms(admin: TestClient, t
         refused.append(admin.post("/users", data=NEW | {"csrf": token}))
     for answer in refused:
         assert answer.status_code == 403
-        assert "load its page again" in answer.text
+        assert "reload the page" in answer.text
     assert admin.post("/users", data=NEW | {"csrf": good}).status_code == 200
     again = NEW | {"name": "eve"}
     assert admin.post("/users", data=again, headers={"X-CSRF-Token": good}).status_code == 200

@@ -177,9 +177,12 @@ def test_the_default_folder_is_the_users(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, platform: str, end: Path
 ) -> None:
     monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.delenv("BALLSCREW_STORE", raising=False)
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "local"))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
     assert default_folder().parts[-len(end.parts) :] == end.parts
+    monkeypatch.setenv("BALLSCREW_STORE", str(tmp_path / "plant"))
+    assert default_folder() == tmp_path / "plant"
 
 
 def test_a_file_of_settings_that_is_named_is_read_instead_of_that_of_the_data_folder(tmp_path: Path) -> None:

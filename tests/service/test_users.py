@@ -18,7 +18,9 @@ from ballscrew.service.serving import Service
 from ballscrew.service.settings import ServerSettings
 from ballscrew.service.tokens import create_token, revoke_token
 from ballscrew.service.users import (
+    ADDRESS_FILE,
     add_user,
+    address_last_served,
     address_of_server,
     change_role,
     disable_user,
@@ -107,6 +109,15 @@ def test_every_change_is_in_the_audit(service: Service) -> None:
 )
 def test_a_link_has_the_address_of_the_server(settings: dict[str, object], address: str) -> None:
     assert address_of_server(ServerSettings(**settings)) == address  # type: ignore[arg-type]  # of each setting
+
+
+def test_a_link_has_the_address_at_which_the_server_was_started(tmp_path: Path) -> None:
+    settings = ServerSettings()
+    assert address_last_served(tmp_path, settings) == "http://127.0.0.1:8000"
+    (tmp_path / ADDRESS_FILE).write_text("http://127.0.0.1:8102", encoding="utf-8")
+    assert address_last_served(tmp_path, settings) == "http://127.0.0.1:8102"
+    public = ServerSettings(public_url="https://plant.example/")
+    assert address_last_served(tmp_path, public) == "https://plant.example"
 
 
 def test_users_are_managed_by_command_beside_a_server(

@@ -251,6 +251,23 @@ def test_a_blank_name_and_control_characters_are_refused(store: Store, name: str
     assert store.list()["axes"] == []
 
 
+@pytest.mark.parametrize("name", ["X axis ", " X axis", "X  axis", "X\u200b axis", "X\u2003axis"])
+def test_a_name_that_looks_like_another_is_refused(store: Store, name: str) -> None:
+    with pytest.raises(InputError, match=r"blanks, or have two in a row|control characters"):
+        add_run(store, replace(RUNS[0], axis=name))
+    assert store.list()["axes"] == []
+
+
+def test_an_event_in_the_future_is_refused(filled: Store) -> None:
+    with pytest.raises(InputError, match="nut replaced at 2090-01-01T00:00Z lies in the future"):
+        add_events(filled, (Event("2090-01-01T00:00Z", "nut replaced", "a"),), "bench")
+
+
+def test_a_correction_that_changes_nothing_is_refused(filled: Store) -> None:
+    with pytest.raises(InputError, match="has this time and load already"):
+        filled.correct(RUNS[0].id, measured_at=RUNS[0].measured_at, reason="a test")
+
+
 @pytest.mark.parametrize("text", ["with \0", "with \udcff"])
 def test_a_text_that_a_database_cannot_store_is_refused(store: Store, text: str) -> None:
     fill(store, RUNS[:1])

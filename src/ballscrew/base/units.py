@@ -181,3 +181,11 @@ def parse(value: str | float, to: str) -> float:
     if abs(result) > _LARGEST:
         raise InputError(f"{shown(value)} is too large")
     return result
+
+
+def parse_named(what: str, value: str | float, to: str) -> float:
+    """As :func:`parse`; an error names what the quantity is, such as ``"the load (mass)"``."""
+    try:
+        return parse(value, to)
+    except InputError as error:
+        raise InputError(f"{what} is {shown(value)}; it must be a quantity in {to} ({error}).") from None

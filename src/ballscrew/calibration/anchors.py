@@ -18,7 +18,7 @@ from ballscrew.axis.axial_prior import KNOWN_PRELOAD
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.quantity import Quantity
-from ballscrew.base.units import parse
+from ballscrew.base.units import parse_named
 from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.modal.run import SOFTENING_SPREAD
 
@@ -99,12 +99,12 @@ def known_preload(text: str) -> Quantity:
     if not isinstance(text, str):
         raise InputError(f"{shown(text)} is no force with its unit, such as '600 N'.")
     value, *spread = _PLUS_MINUS.split(text.strip(), maxsplit=1)
-    force = parse(value, "N")
+    force = parse_named("a known preload", value, "N")
     if not 0 < force < math.inf:
         raise InputError(f"a known preload of {shown(text)} was given; it must be more than 0 N.")
     uncertainty = KNOWN_PRELOAD * force
     if spread:
-        uncertainty = parse(spread[0], "N")
+        uncertainty = parse_named("the uncertainty of a known preload", spread[0], "N")
     if not 0 < uncertainty < force:
         raise InputError(
             f"a known preload of {shown(text)} was given; its uncertainty must be more than 0 N and "

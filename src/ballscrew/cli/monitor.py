@@ -16,6 +16,7 @@ from rich.table import Table
 from ballscrew.base.errors import ALARM, DONE, UNASSESSED, WATCH, InputError
 from ballscrew.base.quantity import quantity_numbers
 from ballscrew.base.result import check_export
+from ballscrew.base.units import parse_named
 from ballscrew.base.words import form, interval_words, plural, without_repeats
 from ballscrew.calibration.modelfile import read_model
 from ballscrew.cli.output import (
@@ -23,7 +24,6 @@ from ballscrew.cli.output import (
     TIME_WIDTH,
     check_outputs,
     console,
-    parse_option,
     print_json,
     report_quality,
 )
@@ -49,7 +49,7 @@ def _parse_positive(option: str, text: str | None, unit: str) -> float | None:
         return None
     if not any(letter.isalpha() for letter in text):
         raise InputError(f"{option} is {text!r}; give its unit, such as '10 {unit}'.")
-    value = parse_option(option, text, unit)
+    value = parse_named(option, text, unit)
     if not value > 0:
         raise InputError(f"{option} is {text!r}; it must be more than 0.")
     return value

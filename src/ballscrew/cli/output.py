@@ -26,7 +26,6 @@ from rich.table import Table
 from ballscrew.base import files
 from ballscrew.base.errors import DONE, REFUSED, InputError, printable
 from ballscrew.base.jsonfile import write_json
-from ballscrew.base.units import parse
 from ballscrew.recording.quality.finding import Quality
 
 TIME_WIDTH = 16  # characters of a run's time, to the minute
@@ -106,14 +105,6 @@ def _is_same(path: Path, other: Path) -> bool:
         return path.samefile(other)
     except (OSError, ValueError):  # one of them does not exist
         return path.resolve() == other.resolve()
-
-
-def parse_option(option: str, text: str, unit: str) -> float:
-    """Value of an option in SI."""
-    try:
-        return parse(text, unit)
-    except InputError as error:
-        raise InputError(f"{option} is {text!r}; it must be a quantity in {unit} ({error}).") from None
 
 
 def name_runs(text: str, names: Mapping[str, str]) -> str:

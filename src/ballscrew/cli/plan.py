@@ -13,8 +13,14 @@ from rich.table import Table
 
 from ballscrew.base.errors import DONE, WRONG_INPUT, InputError
 from ballscrew.base.files import check_folder
+from ballscrew.base.units import parse_named
 from ballscrew.base.words import duration, plural
-from ballscrew.cli.output import check_outputs, console, parse_option, print_json, right_aligned
+from ballscrew.cli.output import (
+    check_outputs,
+    console,
+    print_json,
+    right_aligned,
+)
 from ballscrew.cli.plan_accuracy import (
     AccuracyOptions,
     predict_accuracy,
@@ -77,7 +83,7 @@ def plan_command(
     if accuracy.model is not None:
         inputs.append(accuracy.model)
     _check_names(export, inputs, accuracy.out)
-    rate = check_rate(parse_option("--rate", export.rate, "Hz"))
+    rate = check_rate(parse_named("--rate", export.rate, "Hz"))
     find_dialect(export.dialect).axis_word(export.axis_word)
     test = plan(path, axis=axis)
     if not test.broken:

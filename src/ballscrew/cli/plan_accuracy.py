@@ -14,8 +14,12 @@ from rich.table import Table
 from ballscrew.axis.axial_prior import KNOWN_PRELOAD
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import check_folder
+from ballscrew.base.units import parse_named
 from ballscrew.base.words import duration, percent, plural
-from ballscrew.cli.output import console, parse_option, right_aligned
+from ballscrew.cli.output import (
+    console,
+    right_aligned,
+)
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.planned import PlannedTest
 
@@ -116,7 +120,7 @@ def _minutes(option: str, text: str) -> float:
     """Minutes of an option, which must have a unit: a bare number would be seconds."""
     if text.strip().rstrip(".")[-1:].isdigit():
         raise InputError(f"{option} is {text!r}; state its unit, such as '10 min'.")
-    return parse_option(option, text, "s") / 60
+    return parse_named(option, text, "s") / 60
 
 
 def _optimise(options: AccuracyOptions, test: PlannedTest) -> Optimised:
@@ -130,9 +134,9 @@ def _optimise(options: AccuracyOptions, test: PlannedTest) -> Optimised:
         adjust = _minutes("--adjust", options.adjust)
     loads = preloads = None
     if options.loads is not None:
-        loads = [parse_option("--loads", text, "kg") for text in options.loads.split(",")]
+        loads = [parse_named("--loads", text, "kg") for text in options.loads.split(",")]
     if options.preloads is not None:
-        preloads = [parse_option("--preloads", text, "N") for text in options.preloads.split(",")]
+        preloads = [parse_named("--preloads", text, "N") for text in options.preloads.split(",")]
     model = covariance = None
     if options.model is not None:
         from ballscrew.monitoring.capability import known_axis

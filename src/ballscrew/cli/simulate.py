@@ -15,8 +15,14 @@ from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.files import Progress, write_text
 from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.base.units import parse_named
 from ballscrew.base.words import plural
-from ballscrew.cli.output import check_outputs, console, parse_option, print_json, progress_bar
+from ballscrew.cli.output import (
+    check_outputs,
+    console,
+    print_json,
+    progress_bar,
+)
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.reproduction.experiment import check_space, simulated_runs
 from ballscrew.testbed.example import AXIS, PLAN
@@ -176,14 +182,14 @@ def _machine_and_plan(axis: Path | None, plan: Path | None, repetitions: int) ->
 
 
 def _parse(option: str, text: str, unit: str) -> float:
-    value = parse_option(option, text, unit)
+    value = parse_named(option, text, unit)
     if not value >= 0:
         raise InputError(f"{option} is {text!r}; it must be 0 {unit} or more.")
     return value
 
 
 def _warmed(machine: Machine, warmer: str) -> Machine:
-    difference = parse_option("--warmer", warmer, "kelvin")
+    difference = parse_named("--warmer", warmer, "kelvin")
     if abs(difference) > _LARGEST_DIFFERENCE:
         raise InputError(
             f"--warmer is {warmer!r}; a screw is at most {_LARGEST_DIFFERENCE:g} K warmer or colder than its "

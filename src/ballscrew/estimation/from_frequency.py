@@ -14,7 +14,7 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.settings import check_setting
-from ballscrew.base.units import parse
+from ballscrew.base.units import parse_named
 from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import axis_of_sheet
@@ -80,8 +80,8 @@ def preload_from_frequency(
     >>> model = ballscrew.read_model("MODEL.json")  # doctest: +SKIP
     >>> ballscrew.preload_from_frequency(f, model, "225 mm", "100 kg")  # doctest: +SKIP
     """
-    positions = [parse(each, "m") for each in _as_list(position)]
-    mass = parse(load, "kg")
+    positions = [parse_named("a position", each, "m") for each in _as_list(position)]
+    mass = parse_named("the load", load, "kg")
     check_setting("the load in kg", mass, least=0.0)
     if not positions:
         raise InputError("no position was given; each frequency needs that of the table.")

@@ -275,6 +275,27 @@ def notes_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> list
     return [_with_times(note, model) for note in notes]
 
 
+def sheet_notes(run: Run, baseline: Run | None) -> list[str]:
+    """Note on a run that was analysed with another data sheet than its baseline.
+
+    Parameters
+    ----------
+    run : Run
+        Analysed.
+    baseline : Run or None
+        Likewise.
+
+    Returns
+    -------
+    list of str
+        Empty where the sheets are the same.
+    """
+    sheets = {each.made.inputs.get("axis") for each in (run, baseline) if each is not None}
+    if len(sheets) == 1 or None in sheets:
+        return []
+    return ["it was analysed with another data sheet than the baseline: analyse both with one"]
+
+
 def estimate_notes(
     estimate: PreloadEstimate,
     run: Run,
@@ -304,7 +325,7 @@ def estimate_notes(
         notes.append(estimate.mass.text)
     if baseline is not None and baseline.id == run.id:
         notes.append("the run is the baseline itself")
-    notes += _cause_notes(estimate)
+    notes += _cause_notes(estimate) + sheet_notes(run, baseline)
     if estimate.preload_N is None:
         notes.append(
             "no preload in newtons: its interval has no upper end; P/P₀ depends less on the calibration"

@@ -11,7 +11,7 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import digest
 from ballscrew.base.settings import timestamp
-from ballscrew.base.units import parse
+from ballscrew.base.units import parse_named
 from ballscrew.fcft.plan import Plan
 from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.quality.completeness import check_load
@@ -94,10 +94,7 @@ def current_runs(runs: Iterable[Run]) -> list[Run]:
 
 
 def _load(mass: str | float) -> float:
-    try:
-        load = parse(mass, "kg")
-    except InputError as error:
-        raise InputError(f"the load (mass) is {mass!r}: {error}.") from None
+    load = parse_named("the load (mass)", mass, "kg")
     if not 0 <= load < math.inf:
         raise InputError(f"the load on the table (mass) is {load:g} kg; it must be 0 kg or more.")
     return load

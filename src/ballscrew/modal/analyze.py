@@ -12,7 +12,7 @@ import xarray as xr
 
 from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import InputError, shown
 from ballscrew.base.files import Progress
 from ballscrew.base.provenance import Made
 from ballscrew.base.threads import single_threaded
@@ -69,7 +69,10 @@ class AnalysisOptions:
     joint: JointSettings = field(default_factory=JointSettings)
 
     def __post_init__(self) -> None:
-        """Refuse an unknown method."""
+        """Refuse an unknown method, and what are no settings."""
+        for given, kind in ((self.paper, PaperSettings), (self.joint, JointSettings)):
+            if not isinstance(given, kind):
+                raise InputError(f"the settings are {shown(given)}; they must be {kind.__name__}.")
         if self.method not in METHODS:
             raise InputError(f"the method is {self.method!r}; it must be one of {', '.join(METHODS)}.")
 

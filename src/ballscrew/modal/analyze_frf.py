@@ -10,7 +10,7 @@ from pathlib import Path
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import Made, digest
-from ballscrew.base.units import parse
+from ballscrew.base.units import parse_named
 from ballscrew.base.words import plural
 from ballscrew.modal.cell import CellResult, SharedError
 from ballscrew.modal.excited_record import ExcitedRecord, Signals, check_rates, read_record
@@ -90,7 +90,7 @@ def analyze_frf(
 def listed_places(position: float | str | Sequence[float | str]) -> tuple[float, ...]:
     """Positions in m."""
     given = [position] if isinstance(position, float | int | str) else position
-    places = tuple(parse(place, "m") for place in given)
+    places = tuple(parse_named("a position", place, "m") for place in given)
     for place in places:
         if abs(place) > _LONGEST:
             raise InputError(
@@ -138,7 +138,7 @@ def examine_frf(
         "method": METHOD,
         "channels": signals.names,
         "quantities": list(records[0].quantities),
-        "band": [parse(limit, "Hz") for limit in band or ()],
+        "band": [parse_named("an end of the band", limit, "Hz") for limit in band or ()],
         "positions": [cell.position_m for cell in cells],
     }
     run = Run(

@@ -15,7 +15,7 @@ from ballscrew.base.files import open_regular
 from ballscrew.base.provenance import FileRef, digest
 from ballscrew.base.settings import timestamp
 from ballscrew.base.tomlfile import Fields, read_toml
-from ballscrew.base.units import parse
+from ballscrew.base.units import parse_named
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.recording.channels import ChannelMap, read_channels
 from ballscrew.recording.motions import order_matters
@@ -110,10 +110,10 @@ class Job:
             )
         load = stated.load
         if mass is not None:
-            load = _parsed(mass, "kg", "the load (mass)")
+            load = parse_named("the load (mass)", mass, "kg")
         celsius = stated.temperature
         if temperature is not None:
-            celsius = _celsius(_parsed(temperature, "kelvin", "the temperature"), "the temperature")
+            celsius = _celsius(parse_named("the temperature", temperature, "kelvin"), "the temperature")
         return cls(
             files=stated.files,
             channels=channel_map,
@@ -189,13 +189,6 @@ def _resolve(
     if value is None or isinstance(value, kind):
         return value
     return read(cast("str | Path", value))
-
-
-def _parsed(value: str | float, unit: str, what: str) -> float:
-    try:
-        return parse(value, unit)
-    except InputError as error:
-        raise InputError(f"{what} is {value!r}: {error}.") from None
 
 
 def _load(given: float | None, sheet: DataSheet | None, plan: Plan | None) -> float | None:

@@ -25,7 +25,7 @@ from ballscrew.base.errors import InputError, MeasurementError, shown
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.result import PlottedResult, quantity_rows
 from ballscrew.base.threads import single_threaded
-from ballscrew.base.units import parse
+from ballscrew.base.units import parse_named
 from ballscrew.base.words import percent, plural
 from ballscrew.modal.joint.blocks import orthonormaliser
 from ballscrew.modal.joint.settings import JointSettings
@@ -377,7 +377,7 @@ def _search_range(
     highest = rate / _LEAST_RATE
     if band is not None:
         try:
-            low, high = (parse(limit, "Hz") for limit in band)
+            low, high = (parse_named("an end of the band", limit, "Hz") for limit in band)
         except (TypeError, ValueError):
             raise InputError(f"the band is {shown(band)}; it must be two frequencies.") from None
         if not 0 < low < high:

@@ -22,7 +22,7 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.result import PlottedResult, quantity_rows
 from ballscrew.base.threads import single_threaded
-from ballscrew.base.units import parse
+from ballscrew.base.units import parse_named
 from ballscrew.fcft.trace import SAMPLES_PER_PERIOD
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.rational_fit import FourierLines, RationalFit, fit_modes
@@ -285,7 +285,7 @@ def _ranges(
 
     highest = signals.rate / SAMPLES_PER_PERIOD
     if band is not None:
-        low, high = (parse(limit, "Hz") for limit in band)
+        low, high = (parse_named("an end of the band", limit, "Hz") for limit in band)
         if not 0 < low < high:
             raise InputError(f"the band is {low:g} to {high:g} Hz; it must rise, from above 0.")
         if high > highest:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array, check_starts, check_times, real_samples, stated_unit
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.result import PlottedResult
-from ballscrew.base.units import parse
+from ballscrew.base.units import parse_named
 from ballscrew.base.words import plural
 from ballscrew.modal.spectra import Spectra, averaged, coherence
 from ballscrew.modal.spectra import frf as estimate_frf
@@ -144,7 +144,7 @@ def frf(
 
 def _parse_resolution(resolution: float | str, rate: float, length: int) -> float:
     """Spacing of the frequencies, Hz, refused where a line has no samples or lies between all others."""
-    step = parse(resolution, "Hz")
+    step = parse_named("the resolution", resolution, "Hz")
     finest = rate / (_FINEST * length)
     if not finest <= step <= rate / 2:
         raise InputError(
@@ -167,7 +167,7 @@ def padded(records: Sequence[Array]) -> Array:
 
 def parse_rate(sample_rate: float | str) -> float:
     """Sample rate in Hz, refused unless finite and above 0."""
-    rate = parse(sample_rate, "Hz")
+    rate = parse_named("the sample rate", sample_rate, "Hz")
     if not 0 < rate < math.inf:
         raise InputError(f"the sample rate is {rate:g} Hz; it must be finite and more than 0.")
     return rate

@@ -21,7 +21,7 @@ from ballscrew.estimation.mass_check import check_mass, mass_changes
 from ballscrew.estimation.nut import release_limit
 from ballscrew.estimation.samples import load_significance
 from ballscrew.estimation.temperature import warm_screw_doubts
-from ballscrew.estimation.verdict import describe_misfit, doubts_of_cells, why_no_frequency
+from ballscrew.estimation.verdict import describe_misfit, doubts_of_cells, sheet_notes, why_no_frequency
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.reading import Reading
@@ -279,7 +279,7 @@ def _disagreements(
     other_mass = masses is not None and abs(masses.log_mass) > limit * masses.log_mass_spread
     misfit = fused.probability < max(assumptions.false_alarm, settings.suspect)
     faults: list[str] = []
-    notes: list[str] = []
+    notes = sheet_notes(measured.run, reference.run)
     doubts: list[str] = []
     if other_mass or misfit:
         causes = compare_causes(gather_evidence(change, masses, assumptions), assumptions)

@@ -19,7 +19,7 @@ from ballscrew.base.arrays import Array, check_starts, check_times, real_samples
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import FileRef, digest
 from ballscrew.base.settings import timestamp
-from ballscrew.base.units import parse
+from ballscrew.base.units import parse_named
 from ballscrew.recording.channels import ChannelMap, read_channels
 from ballscrew.recording.convert import Converted, convert
 from ballscrew.recording.header import Header, RawChannel
@@ -115,7 +115,7 @@ class Recording:
         >>> float(trip.array("position")[-1])
         0.1
         """
-        rate = parse(sample_rate, "Hz")
+        rate = parse_named("the sample rate", sample_rate, "Hz")
         for key, values in signals.items():
             check_times(values, rate, f"signal {key!r} of {name}")
         check_starts({f"signal {key!r} of {name}": values for key, values in signals.items()}, rate)

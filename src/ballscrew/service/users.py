@@ -128,7 +128,9 @@ def new_link(store: OpenStore, name: str, *, by: str = LOCAL) -> str:
     with store.write("user link", beside_server=True) as session:
         row = _need(session, name)
         if row.disabled_at is not None:
-            raise InputError(f"the user {shown(row.name)} is disabled.")
+            raise InputError(
+                f"the user {shown(row.name)} is disabled; 'ballscrew user disable --undo' enables it."
+            )
         return _add_link(session, row, by)
 
 

@@ -3,6 +3,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,10 +16,11 @@ from ballscrew.base.errors import InputError
 from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.joint import identify
 from ballscrew.modal.joint.identify import identify_jointly
+from ballscrew.modal.joint.initial import InitialValues
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.signals import TripSignals
-from ballscrew.testbed.example import LOAD
+from ballscrew.testbed.example import AXIS, LOAD
 from ballscrew.testbed.trip import Rig
 
 
@@ -221,16 +224,18 @@ def test_a_record_that_cannot_be_used_is_refused(change: dict[str, np.ndarray], 
 @pytest.mark.parametrize(("frequency", "reason"), [(150.0, None), (450.0, "low-rate"), (600.0, "no-mode")])
 def test_a_mode_beyond_the_range_asks_for_no_higher_rate(frequency: float, reason: str | None) -> None:
     """The recording may have that rate: without a data sheet it was reduced for the range."""
-    found = identify._frequency_refusal(4000.0, frequency, None, JointSettings())
+    settings = JointSettings()
+    without_sheet = cast(InitialValues, SimpleNamespace(sheet=None, rotor_free=frequency))
+    found = identify._frequency_refusal(4000.0, frequency, without_sheet, settings)
     assert reason == (found and found.kind)
-    with_sheet = identify._frequency_refusal(4000.0, frequency, frequency, JointSettings())
-    assert (with_sheet and with_sheet.kind) == (None if frequency < 400 else "low-rate")
-    wrong_sheet = identify._frequency_refusal(4000.0, frequency, 100.0, JointSettings())
-    assert (wrong_sheet is None) == (frequency < 400)
-    if wrong_sheet is not None:
-        assert wrong_sheet.text.endswith(
-            "far above the 100 Hz that the data sheet predicts: check the data sheet"
-        )
+    with_sheet = cast(InitialValues, SimpleNamespace(sheet=AXIS, rotor_free=frequency))
+    found = identify._frequency_refusal(4000.0, frequency, with_sheet, settings)
+    assert (found and found.kind) == (None if frequency < 400 else "low-rate")
+    wrong_sheet = cast(InitialValues, SimpleNamespace(sheet=AXIS, rotor_free=100.0))
+    found = identify._frequency_refusal(4000.0, frequency, wrong_sheet, settings)
+    assert (found is None) == (frequency < 400)
+    if found is not None:
+        assert found.text.endswith("far above the 100 Hz that the data sheet predicts: check the data sheet")
 
 
 def test_what_does_not_fit_together_is_an_error() -> None:

@@ -103,8 +103,7 @@ def identify_jointly(
         if isinstance(found, Reason):
             return refused_run(transients, found)
         frequency = found.fit.modes[0].middle_frequency
-        predicted = initial.rotor_free if sheet is not None else None
-        refusal = _frequency_refusal(trips[0].rate, frequency, predicted, settings)
+        refusal = _frequency_refusal(trips[0].rate, frequency, initial, settings)
         if refusal is not None:
             return refused_run(transients, refusal)
         # A mode at the edge of the frequencies tried may not be the best one: the band may exclude a better
@@ -123,7 +122,7 @@ def _no_mode(settings: JointSettings) -> Reason:
 
 
 def _frequency_refusal(
-    rate: float, frequency: float, predicted: float | None, settings: JointSettings
+    rate: float, frequency: float, initial: InitialValues, settings: JointSettings
 ) -> Reason | None:
     """Reason to refuse a mode whose frequency (Hz) is too high for the sampling rate (Hz); None if it is not.
 
@@ -134,12 +133,12 @@ def _frequency_refusal(
     refusal = rate_refusal(rate, frequency, settings)
     if refusal is None:
         return None
-    if predicted is None and frequency > settings.highest:
+    if initial.sheet is None and frequency > settings.highest:
         return _no_mode(settings)
-    if predicted is not None and frequency > _FAR_ABOVE * predicted:
+    if initial.sheet is not None and frequency > _FAR_ABOVE * initial.rotor_free:
         text = (
-            f"the mode is near {frequency:.0f} Hz, far above the {predicted:.0f} Hz that the data sheet "
-            "predicts: check the data sheet"
+            f"the mode is near {frequency:.0f} Hz, far above the {initial.rotor_free:.0f} Hz that the data "
+            "sheet predicts: check the data sheet"
         )
         return Reason("no-mode", text)
     return refusal

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import InputError, shown
+from ballscrew.base.settings import check_setting
 from ballscrew.modal.paper.window import AFTER, BEFORE
 
 Estimator = Literal["H1", "H2", "Hv"]
@@ -62,18 +64,19 @@ class PaperSettings:
             value = getattr(self, name)
             if value not in allowed:
                 raise InputError(f"the {name} is {value!r}; it must be one of {', '.join(allowed)}.")
-        if self.band is not None and not 0 < self.band[0] < self.band[1] < float("inf"):
-            raise InputError(
-                f"the band is {self.band[0]:g} to {self.band[1]:g} Hz; it must rise, from above 0 Hz."
-            )
-        if not 0 < self.band_half_width < 1:
-            raise InputError(
-                f"the band's half width is {self.band_half_width:g}; it must lie between 0 and 1."
-            )
-        if not all(
-            0 < value < float("inf") for value in (self.window_before, self.window_after, self.line_spacing)
-        ):
-            raise InputError("the window's periods and the line spacing must be more than 0.")
+        for name in ("band_half_width", "window_before", "window_after", "line_spacing"):
+            check_setting(name, getattr(self, name), above=0.0)
+        if not self.band_half_width < 1:
+            raise InputError(f"band_half_width is {self.band_half_width:g}; it must be less than 1.")
+        if self.band is not None:
+            self._check_band()
+
+    def _check_band(self) -> None:
+        if not isinstance(self.band, Sequence) or len(self.band) != 2:
+            raise InputError(f"the band is {shown(self.band)}; it must be two frequencies in Hz.")
+        low, high = self.band
+        check_setting("the lower end of the band", low, above=0.0)
+        check_setting("the upper end of the band", high, above=low)
 
     def to_settings(self) -> dict[str, Any]:
         """All of them, as a plain dict."""
