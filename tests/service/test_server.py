@@ -38,6 +38,7 @@ from ballscrew.service.jobs import lease_job
 from ballscrew.service.server import GracefulServer, delete_by_policy, serve
 from ballscrew.service.serving import Service
 from ballscrew.service.tokens import create_token
+from ballscrew.service.users import ADDRESS_FILE
 from ballscrew.store.folder import DataFolder
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.retention import RetentionPolicy
@@ -159,6 +160,7 @@ def test_a_server_goes_on_where_one_that_was_killed_ended(
         with httpx.Client(base_url=address, timeout=60) as client:
             wait_for(lambda: client.get(f"/api/v1/runs/{RUNS[0].id}").status_code == 200)
             assert client.get("/readyz").json()["ready"]
+        assert (folder / ADDRESS_FILE).read_text(encoding="utf-8") == address
         assert DataFolder(folder).is_served()
         found.end()
         assert found.servers[0].service.stopping.is_set()
