@@ -151,7 +151,7 @@ def _reduce_run(robust: RobustFit, inverse: Array, weighted: Array, run: int) ->
         scores = _run_scores(robust, inverse, weighted)
         robust.contradicting |= {int(i) for i in mates if scores[i] > _RUN_LIMIT or int(i) in robust.runs}
         return None
-    _, added = _level_and_tilt(problem, inverse, weighted, run)
+    _, added = _score_run(problem, inverse, weighted, run)
     rows = np.flatnonzero(problem.run == run)
     before = np.mean(np.diag(problem.covariance)[rows])
     robust.weights[run] = float(before / (before + np.mean(np.diag(added)[rows])))
@@ -190,11 +190,11 @@ def _run_scores(robust: RobustFit, inverse: Array, weighted: Array) -> Array:
     scores = np.zeros(robust.fit.problem.runs)
     for run in range(len(scores)):
         if run not in robust.runs:
-            scores[run], _ = _level_and_tilt(robust.fit.problem, inverse, weighted, run)
+            scores[run], _ = _score_run(robust.fit.problem, inverse, weighted, run)
     return scores
 
 
-def _level_and_tilt(problem: Problem, inverse: Array, weighted: Array, run: int) -> tuple[float, Array]:
+def _score_run(problem: Problem, inverse: Array, weighted: Array, run: int) -> tuple[float, Array]:
     """χ² of a run's level and tilt against all other rows, and the covariance by which they fit.
 
     The covariance, shape (n + m, n + m), has the squares of both as variances.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -29,6 +28,7 @@ from ballscrew.store.folder import check_outside_stores
 from ballscrew.store.lamps import add_lamps, coded_actions
 from ballscrew.store.opened import OpenStore
 from ballscrew.store.reading import find_axis
+from ballscrew.store.rows import named_columns
 from ballscrew.store.showing import axis_document
 from ballscrew.store.tables import Assessment, Axis, EpochRow, MachineRow
 
@@ -145,12 +145,12 @@ def _read(store: OpenStore, name: str, at: datetime, calendar: RunCalendar) -> S
         made: dict[str, Any] = {}
         if row.assessment_id is not None:
             assessment = session.get_one(Assessment, row.assessment_id)
-            made = _fields(assessment, _MADE)
+            made = named_columns(assessment, *_MADE)
         add_lamps(session, [document], at, calendar)
         explained = find_explanation(session, row)
         alarms = alarm_documents(session, row)
         epochs = session.scalars(select(EpochRow).where(EpochRow.axis_id == row.id).order_by(EpochRow.number))
-        found = tuple(_fields(epoch, _EPOCH_COLUMNS) for epoch in epochs)
+        found = tuple(named_columns(epoch, *_EPOCH_COLUMNS) for epoch in epochs)
     alarms.sort(key=lambda each: (each["state"] in ENDED, each["kind"] != "axis"))
     standing = sum(each["state"] not in ENDED for each in alarms)
     monitored, why = _assess(store, document, made)
@@ -169,10 +169,6 @@ def _read(store: OpenStore, name: str, at: datetime, calendar: RunCalendar) -> S
         monitored=monitored,
         why=why,
     )
-
-
-def _fields(row: Any, names: Sequence[str]) -> dict[str, Any]:
-    return {name: getattr(row, name) for name in names}
 
 
 def _assess(store: OpenStore, document: dict[str, Any], made: dict[str, Any]) -> tuple[Monitored | None, str]:

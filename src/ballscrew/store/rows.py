@@ -109,6 +109,11 @@ def unpack(content: bytes) -> Any:
         raise InputError("a document in the store cannot be read: the database is damaged.") from None
 
 
+def named_columns(row: Any, *names: str) -> dict[str, Any]:
+    """Columns of a row by their names."""
+    return {name: getattr(row, name) for name in names}
+
+
 def batched(values: Sequence[Key]) -> Iterator[Sequence[Key]]:
     """As many values at a time as a statement may have parameters."""
     for start in range(0, len(values), _MOST_PARAMETERS):

@@ -30,7 +30,7 @@ from ballscrew.store.reading import (
     shared_recordings,
     trend,
 )
-from ballscrew.store.rows import unpack
+from ballscrew.store.rows import named_columns, unpack
 from ballscrew.store.tables import (
     AlarmRow,
     Assessment,
@@ -102,13 +102,13 @@ def axis_document(session: Session, axis: Axis) -> dict[str, Any]:
         **assessment_document(assessment, axis.changed_at, newest_runs(session, axis).get(axis.id)),
         "runs": _runs_document(session, axis, trend(session, axis)),
         "alarms": [
-            _named(row, "epoch", "began_at", "raised_at", "retracted_at")
+            named_columns(row, "epoch", "began_at", "raised_at", "retracted_at")
             | {"over_at": alarm_over_at(session, row)}
             for row in alarms
         ],
         "events": _events_document(session, axis, events),
         "exclusions": [
-            {"run": run, "event": event} | _named(row, "reason", "actor", "begun_at", "ended_at")
+            {"run": run, "event": event} | named_columns(row, "reason", "actor", "begun_at", "ended_at")
             for run, event, row in excluded
         ],
         "corrections": _corrections(session, axis),
@@ -116,13 +116,9 @@ def axis_document(session: Session, axis: Axis) -> dict[str, Any]:
     }
 
 
-def _named(row: Any, *names: str) -> dict[str, Any]:
-    return {name: getattr(row, name) for name in names}
-
-
 def _events_document(session: Session, axis: Axis, rows: Sequence[EventRow]) -> list[dict[str, Any]]:
     """Events that were added, and changes of the method, by time."""
-    documents = [_named(row, "digest", "at", "kind", "text") for row in rows]
+    documents = [named_columns(row, "digest", "at", "kind", "text") for row in rows]
     changes = [event for event in axis_events(session, axis) if event.kind == METHOD_CHANGED]
     documents += [{"digest": None} | event.to_json() for event in changes]
     return sorted(documents, key=lambda document: moment(document["at"], "an event: at"))
@@ -158,7 +154,7 @@ def _corrections(session: Session, axis: Axis) -> list[dict[str, Any]]:
     of_axis = Correction.subject == f"axis {axis.name}"
     for row in session.scalars(select(Correction).where(of_runs | of_axis).order_by(Correction.id)):
         if row.subject not in by_id:
-            fields = _named(row, "field", "old", "new", "reason", "actor", "at")
+            fields = named_columns(row, "field", "old", "new", "reason", "actor", "at")
             documents.append({"run": None, "supersedes": None} | fields)
         else:
             stated[row.subject, row.field] = row
@@ -193,7 +189,9 @@ def _conflicts(session: Session, axis: Axis) -> dict[str, Any]:
         for field, value in (("axis", axis.name), ("measured_at", run.measured_at), ("mass_kg", run.mass_kg)):
             if given.get(field) != value:
                 differs.append(field)
-        refused.append(_named(conflict, "run", "digest", "received_at") | {"differs": differs or ["result"]})
+        refused.append(
+            named_columns(conflict, "run", "digest", "received_at") | {"differs": differs or ["result"]}
+        )
     pairs = []
     for first, second, name in shared_recordings(session, axis, current_rows(session, axis)):
         pairs.append({"runs": [first, second], "recording": name})
@@ -291,7 +289,7 @@ def run_document(session: Session, run: RunRow, axis: Axis) -> dict[str, Any]:
     documents.pop(SUPERSEDES, None)
     return {
         "axis": axis.name,
-        **_named(run, "run", "measured_at", "mass_kg", "temperature_C", "received_at", "supersedes"),
+        **named_columns(run, "run", "measured_at", "mass_kg", "temperature_C", "received_at", "supersedes"),
         "corrected_as": list(later),
         "recordings": _recordings(session, run),
         "documents": documents,
@@ -336,5 +334,5 @@ def _state_document(session: Session, run: RunRow, axis: Axis) -> dict[str, Any]
         "epoch": row.epoch,
         "begins": epoch.begins,
         "reference": epoch.reference,
-        **_named(assessment, "model_digest", "version", "made_at"),
+        **named_columns(assessment, "model_digest", "version", "made_at"),
     }

@@ -282,7 +282,8 @@ class _Problem:
         weights = _weights(self.blocks, projections)
         jacobian = model_jacobian(self.blocks, modes, projections, weights, self.parameters, state.values)
         residual = tuple(
-            (s.residual * weight).ravel() for s, weight in zip(projections, weights, strict=True)
+            (projection.residual * weight).ravel()
+            for projection, weight in zip(projections, weights, strict=True)
         )
         information = _information(jacobian)
         hessian = information + self.prior_rows.T @ self.prior_rows
@@ -397,5 +398,7 @@ def _information(jacobian: Sequence[Array]) -> Array:
 
 def _weights(blocks: Sequence[Block], projections: Sequence[Projection]) -> list[float]:
     """Weight of each block, (m/s²)⁻¹: one over the rms of its residual."""
-    mean_squares = [b.mean_square(s.residual) for b, s in zip(blocks, projections, strict=True)]
+    mean_squares = [
+        b.mean_square(projection.residual) for b, projection in zip(blocks, projections, strict=True)
+    ]
     return [1 / max(math.sqrt(mean_square), _LEAST_RMS) for mean_square in mean_squares]

@@ -61,10 +61,10 @@ def model_jacobian(
     """
     out = []
     derivatives = _whitened_derivatives(blocks, modes, projections, parameters, values)
-    for s, weight, (indices, derivative) in zip(projections, weights, derivatives, strict=True):
+    for projection, weight, (indices, derivative) in zip(projections, weights, derivatives, strict=True):
         # This matrix moves each derivative to the column of its parameter among all parameters.
         to_parameters = weight * np.eye(len(parameters))[indices]
-        rows = s.without_columns(derivative).reshape(s.residual.size, len(indices))
+        rows = projection.without_columns(derivative).reshape(projection.residual.size, len(indices))
         out.append(rows @ to_parameters)
     return out
 
@@ -93,13 +93,13 @@ def normal_equations(
     """
     hessian, descent = np.zeros((len(parameters),) * 2), np.zeros(len(parameters))
     derivatives = _whitened_derivatives(blocks, modes, projections, parameters, values)
-    for s, weight, (indices, derivative) in zip(projections, weights, derivatives, strict=True):
+    for projection, weight, (indices, derivative) in zip(projections, weights, derivatives, strict=True):
         if not indices:
             continue
         count = len(indices)
-        hessian[np.ix_(indices, indices)] += weight**2 * s.products(derivative, count)
+        hessian[np.ix_(indices, indices)] += weight**2 * projection.products(derivative, count)
         # The residual is orthogonal to the columns: no projection on them needs to be subtracted.
-        descent[indices] += weight**2 * (derivative.reshape(-1, count).T @ s.residual.ravel())
+        descent[indices] += weight**2 * (derivative.reshape(-1, count).T @ projection.residual.ravel())
     return hessian, descent
 
 
@@ -131,11 +131,11 @@ def _whitened_derivatives(
             parameter_of_stop[stop_of(field)] = k
     if parameter_of_stop:
         _add_local_derivatives(models, modes, parameter_of_stop, changes)
-    for b, s, by_parameter in zip(blocks, projections, changes, strict=True):
-        stacked = np.empty((*s.residual.shape, len(by_parameter)))
+    for b, projection, by_parameter in zip(blocks, projections, changes, strict=True):
+        stacked = np.empty((*projection.residual.shape, len(by_parameter)))
         for column, change in enumerate(by_parameter.values()):
             stacked[:, :, column] = change
-        yield list(by_parameter), whiten(b, stacked.reshape(len(stacked), -1), s.free_vibration)
+        yield list(by_parameter), whiten(b, stacked.reshape(len(stacked), -1), projection.free_vibration)
 
 
 class _FixedWeights:
@@ -153,17 +153,17 @@ class _FixedWeights:
         for index in {b.mode_index for b in blocks}:
             forces[index] = self._sum_ripple(blocks, projections, index)
         first = dict.fromkeys(forces, 0)  # index of the first force that belongs to the next block
-        for b, s in zip(blocks, projections, strict=True):
-            force, responses = forces[b.mode_index], s.weights.shape[1]
+        for b, projection in zip(blocks, projections, strict=True):
+            force, responses = forces[b.mode_index], projection.weights.shape[1]
             # The weights are those of the columns of the modes, of the fixed columns, and of the ripple.
-            mode_columns = len(s.weights) - b.fixed_columns.shape[1] - b.ripple.shape[1]
-            fixed_weights = s.weights[mode_columns : mode_columns + b.fixed_columns.shape[1]]
+            mode_columns = len(projection.weights) - b.fixed_columns.shape[1] - b.ripple.shape[1]
+            fixed_weights = projection.weights[mode_columns : mode_columns + b.fixed_columns.shape[1]]
             # Each response has its own force, with a weight of 1.
             force_weights = np.eye(force.shape[1], responses, -first[b.mode_index])
             first[b.mode_index] += responses
             self.blocks.append(replace(b, fixed_columns=np.empty((len(force), 0)), ripple=force))
-            self._weights.append(np.vstack([s.weights[:mode_columns], force_weights]))
-            self._present.append(s.model - b.fixed_columns @ fixed_weights)
+            self._weights.append(np.vstack([projection.weights[:mode_columns], force_weights]))
+            self._present.append(projection.model - b.fixed_columns @ fixed_weights)
 
     @staticmethod
     def _sum_ripple(blocks: Sequence[Block], projections: Sequence[Projection], index: int) -> Array:
@@ -173,9 +173,9 @@ class _FixedWeights:
         simulated.
         """
         forces = [np.empty((len(projections[0].model), 0))]
-        for b, s in zip(blocks, projections, strict=True):
+        for b, projection in zip(blocks, projections, strict=True):
             if b.mode_index == index and b.ripple.size:
-                forces.append(b.ripple @ s.weights[-b.ripple.shape[1] :])
+                forces.append(b.ripple @ projection.weights[-b.ripple.shape[1] :])
         return np.column_stack(forces)
 
     def changes(self, modes: Modes, shifted: Sequence[AxialMode], step: float) -> Iterator[tuple[int, Array]]:

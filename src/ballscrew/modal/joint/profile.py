@@ -168,15 +168,15 @@ def fit_profile(
     inflation = INITIAL_INFLATION
     for _ in range(_ROUNDS):
         assumed, assumed_inflation = variation, inflation
-        now = _fit_once(blocks, modes, profile, stops, assumed, inflation, most_steps)
-        modes = now.modes
+        fit = _fit_once(blocks, modes, profile, stops, assumed, inflation, most_steps)
+        modes = fit.modes
         if reference in profile.fields:
-            inflation = variance_inflation(now, now.parameters.index((reference, None)))
-        variation = _variation(now, stops, assumed, profile.curved)
+            inflation = variance_inflation(fit, fit.parameters.index((reference, None)))
+        variation = _variation(fit, stops, assumed, profile.curved)
         local_settled = variation.spread == 0 or _change(variation.spread, assumed.spread) < _CONVERGED
         if local_settled and _change(inflation, assumed_inflation) < 2 * _CONVERGED:
             break
-    return now, replace(assumed, prior_inflation=assumed_inflation)
+    return fit, replace(assumed, prior_inflation=assumed_inflation)
 
 
 def _fit_once(
@@ -200,12 +200,12 @@ def _fit_once(
 
 
 def _variation(
-    now: JointFit, stops: tuple[float, ...], assumed: LocalVariation, curved: bool
+    fit: JointFit, stops: tuple[float, ...], assumed: LocalVariation, curved: bool
 ) -> LocalVariation:
     """Local variation estimated from a fit for which ``assumed`` was assumed."""
     if assumed.spread == 0:
-        now = with_local_parameters(now, with_stops(now.modes, stops), local_fields(stops))
-    return estimate_variation(now, curved)
+        fit = with_local_parameters(fit, with_stops(fit.modes, stops), local_fields(stops))
+    return estimate_variation(fit, curved)
 
 
 def _change(value: float, before: float) -> float:

@@ -122,15 +122,15 @@ class RippleModel:
     initial: InitialValues
     profile: Profile
 
-    def fit(self, now: JointFit, variation: LocalVariation) -> RippleFit:
-        """Add the significant orders to a fit without ripple, ``now``, and fit again."""
-        w = now.blocks[0].windows
+    def fit(self, plain: JointFit, variation: LocalVariation) -> RippleFit:
+        """Add the significant orders to a fit without ripple, ``plain``, and fit again."""
+        w = plain.blocks[0].windows
         harmonics = turn_harmonics(self.trips, w, self.initial.lead)
-        found = self._iterate(w, harmonics, now.modes, variation, now)
+        found = self._iterate(w, harmonics, plain.modes, variation, plain)
         if not harmonics.size or found.fit.projections[0].unexplained < _POOR:
             return found
         # At constant speed an order is a tone, which the fit may have taken for the mode.
-        modes = self._search_mode(subset(w), now.modes)
+        modes = self._search_mode(subset(w), plain.modes)
         other = self._iterate(w, harmonics, modes, UNKNOWN, None)
         if other.fit.log_residual < found.fit.log_residual + CLEAR_REDUCTION:
             return other
@@ -142,16 +142,16 @@ class RippleModel:
         harmonics: Array,
         modes: tuple[AxialMode, ...],
         variation: LocalVariation,
-        now: JointFit | None,
+        fit: JointFit | None,
     ) -> RippleFit:
-        """Select the orders and fit, in alternation; ``now`` is a fit in motion without ripple, or None."""
+        """Select the orders and fit, in alternation; ``fit`` is a fit in motion without ripple, or None."""
         orders = ForceOrders(self.initial.lead)
         for number in range(_ROUNDS):
             before = orders
             orders = self._select(w, harmonics, modes[0], orders)
             # From standstill on, a fit is needed even without any order: a given fit is in motion alone.
             is_fitted = number > 0 or not self.from_rest
-            if now is not None and orders == before and is_fitted:
+            if fit is not None and orders == before and is_fitted:
                 break
             ripple = select_harmonics(harmonics, orders.whole)
             balls = ball_forces(w, orders.lead, orders.balls)
@@ -159,10 +159,10 @@ class RippleModel:
                 make_block(name, w, from_rest=self.from_rest, ripple=ripple, balls=balls)
                 for name in self.names
             ]
-            now, variation = fit_profile(blocks, modes, self.profile, variation, _ITERATIONS)
-            modes = now.modes
-        assert now is not None  # noqa: S101  without a given fit, the first round makes one
-        return RippleFit(now, variation, orders)
+            fit, variation = fit_profile(blocks, modes, self.profile, variation, _ITERATIONS)
+            modes = fit.modes
+        assert fit is not None  # noqa: S101  without a given fit, the first round makes one
+        return RippleFit(fit, variation, orders)
 
     def _select(self, w: Windows, harmonics: Array, mode: AxialMode, before: ForceOrders) -> ForceOrders:
         """Select the whole orders, and once these no longer change, the order of the balls.
