@@ -118,6 +118,10 @@ def test_a_wrong_variable_is_a_sentence(tmp_path: Path, monkeypatch: pytest.Monk
     with pytest.raises(InputError, match="BALLSCREW_SERVER_PORT: port is 'many'"):
         read_settings(tmp_path, None, {})
     monkeypatch.delenv("BALLSCREW_SERVER_PORT")
+    monkeypatch.setenv("BALLSCREW_SERVER_RETENTION_DAY", "1")
+    with pytest.raises(InputError, match="BALLSCREW_SERVER_RETENTION_DAY: is not a known setting"):
+        read_settings(tmp_path, None, {})
+    monkeypatch.delenv("BALLSCREW_SERVER_RETENTION_DAY")
     monkeypatch.setenv("BALLSCREW_SERVER_ALLOWED_HOSTS", "[")
     with pytest.raises(InputError, match="allowed_hosts"):
         read_settings(tmp_path, None, {})

@@ -217,10 +217,11 @@ def read_settings(folder: Path, config: Path | None, options: dict[str, Any]) ->
     """
     path = config_path(folder, config)
     stated = {} if path is None else read_toml(path).table
-    unknown = set(stated) - set(ServerSettings.model_fields)
-    if unknown:
-        name = sorted(unknown)[0]
+    for name in sorted(set(stated) - set(ServerSettings.model_fields)):
         raise InputError(f"{path}: {name} is not a known setting.")
+    for name in sorted(set(os.environ) - {_variable(name) for name in ServerSettings.model_fields}):
+        if name.startswith(PREFIX):
+            raise InputError(f"{name}: is not a known setting.")
     # pydantic reads the environment, which the file must not override.
     given = {name: value for name, value in stated.items() if not _environment(name)} | options
     try:
@@ -281,14 +282,19 @@ def origins(folder: Path, config: Path | None, options: dict[str, Any]) -> dict[
         if name in stated:
             found[name] = str(path)
         if _environment(name):
-            found[name] = f"{PREFIX}{name.upper()}"
+            found[name] = _variable(name)
         if name in options:
             found[name] = "option"
     return found
 
 
 def _environment(name: str) -> str:
-    return os.environ.get(f"{PREFIX}{name.upper()}", "")
+    return os.environ.get(_variable(name), "")
+
+
+def _variable(name: str) -> str:
+    """Environment variable of a setting."""
+    return f"{PREFIX}{name.upper()}"
 
 
 def default_folder() -> Path:
