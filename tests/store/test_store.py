@@ -253,7 +253,7 @@ def test_a_blank_name_and_control_characters_are_refused(store: Store, name: str
 
 @pytest.mark.parametrize("name", ["X axis ", " X axis", "X  axis", "X\u200b axis", "X\u2003axis"])
 def test_a_name_that_looks_like_another_is_refused(store: Store, name: str) -> None:
-    with pytest.raises(InputError, match=r"blanks, or have two in a row|control characters"):
+    with pytest.raises(InputError, match=r"blanks, or have two in a row|invisible characters"):
         add_run(store, replace(RUNS[0], axis=name))
     assert store.list()["axes"] == []
 

@@ -91,8 +91,10 @@ def read_json(path: str | Path) -> dict[str, Any]:
     if not isinstance(document, dict):
         document = {}
     version = document.get("schema")
-    if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+    if version is None:
         raise InputError(f"{path}: is not a result of ballscrew: it has no schema version.")
+    if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+        raise InputError(f"{path}: schema is {version!r}; it must be {SCHEMA}.")
     if version < SCHEMA:
         raise InputError(
             f"{path}: was written by a version of ballscrew before the first release (schema {version}); "

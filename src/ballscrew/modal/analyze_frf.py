@@ -138,7 +138,7 @@ def examine_frf(
         "method": METHOD,
         "channels": signals.names,
         "quantities": list(records[0].quantities),
-        "band": [parse_named("an end of the band", limit, "Hz") for limit in band or ()],
+        "band": [parse_named("the band", limit, "Hz") for limit in band or ()],
         "positions": [cell.position_m for cell in cells],
     }
     run = Run(

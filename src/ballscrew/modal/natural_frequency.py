@@ -377,7 +377,7 @@ def _search_range(
     highest = rate / _LEAST_RATE
     if band is not None:
         try:
-            low, high = (parse_named("an end of the band", limit, "Hz") for limit in band)
+            low, high = (parse_named("the band", limit, "Hz") for limit in band)
         except (TypeError, ValueError):
             raise InputError(f"the band is {shown(band)}; it must be two frequencies.") from None
         if not 0 < low < high:

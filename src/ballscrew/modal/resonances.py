@@ -285,7 +285,7 @@ def _ranges(
 
     highest = signals.rate / SAMPLES_PER_PERIOD
     if band is not None:
-        low, high = (parse_named("an end of the band", limit, "Hz") for limit in band)
+        low, high = (parse_named("the band", limit, "Hz") for limit in band)
         if not 0 < low < high:
             raise InputError(f"the band is {low:g} to {high:g} Hz; it must rise, from above 0.")
         if high > highest:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -64,12 +64,15 @@ class WatchedFolder:
         (RunGroup, OutgoingRun or InputError)
             A run, or why there is none.
         """
+        writing: set[str] | None = None
         for group in self._groups(now):
             quiet = now - max(self._changed_at(path, now) for path in group.members)
             if quiet < self.settle or self._done.get(group.source) == self._state(group):
                 continue
             if self._is_due(group, quiet):
-                yield group, self._run(group)
+                if writing is None:
+                    writing = _open_for_writing()
+                yield group, self._run(group, writing)
             elif quiet >= self.timeout:
                 yield group, InputError(f"{group.shortage} Incomplete runs are sent with --send-incomplete.")
 
@@ -85,15 +88,14 @@ class WatchedFolder:
     def _state(self, group: RunGroup) -> tuple[object, ...]:
         return tuple((path, self._changes[path][0]) for path in group.members)
 
-    def _run(self, group: RunGroup) -> OutgoingRun | InputError:
+    def _run(self, group: RunGroup, writing: Collection[str]) -> OutgoingRun | InputError:
         try:
             self._check(group.source)
             run = run_of(group, self.rule)
             for path in run.paths:
                 self._check(path)
-            writing = _open_for_writing(run.paths)
-            if writing is not None:
-                raise InputError(f"{writing}: is in use (a program is writing to it).")
+                if str(path.resolve()) in writing:
+                    raise InputError(f"{path}: is in use (a program is writing to it).")
             return run
         except InputError as error:
             return error
@@ -152,18 +154,27 @@ class WatchedFolder:
         return known[1]
 
 
-def _open_for_writing(paths: Iterable[Path]) -> Path | None:
-    """One of some files to which a program of the same user is writing; Linux shows these in /proc."""
-    places = {str(path.resolve()): path for path in paths}
-    for descriptor in Path("/proc").glob("[0-9]*/fd/*"):
-        with suppress(OSError, ValueError):  # of another user, or closed meanwhile
-            path = places.get(str(descriptor.readlink()))
-            if path is not None and _is_for_writing(descriptor):
-                return path
-    return None
+def _open_for_writing() -> set[str]:
+    """Files to which programs of the same user are writing, as Linux shows them in /proc; else none."""
+    found = set()
+    for process in _entries(Path("/proc")):
+        if not process.name.isdecimal():
+            continue
+        for descriptor in _entries(process / "fd"):
+            with suppress(OSError, ValueError, KeyError):  # closed meanwhile
+                path = str(descriptor.readlink())
+                if path.startswith("/") and _is_for_writing(process / "fdinfo" / descriptor.name):
+                    found.add(path)
+    return found
 
 
-def _is_for_writing(descriptor: Path) -> bool:
-    text = (descriptor.parent.parent / "fdinfo" / descriptor.name).read_text(encoding="ascii")
+def _entries(folder: Path) -> list[Path]:
+    with suppress(OSError):  # of another user, or its process has ended
+        return list(folder.iterdir())
+    return []
+
+
+def _is_for_writing(information: Path) -> bool:
+    text = information.read_text(encoding="ascii")
     flags = dict(line.split(":", 1) for line in text.splitlines() if ":" in line)["flags"]
     return int(flags, 8) & (os.O_WRONLY | os.O_RDWR) != 0

@@ -74,7 +74,7 @@ def serve(
     Parameters
     ----------
     data : path-like, optional
-        Data folder of the store, created if missing; by default in the user's data directory.
+        Data folder of the store, created if missing; by default :func:`~.settings.default_folder`.
     config : path-like, optional
         File of settings; by default ``server.toml`` in the data folder.
     quiet : bool

@@ -240,9 +240,9 @@ def address_last_served(folder: Path, settings: ServerSettings) -> str:
     """Address of the server of a data folder as it was started last; by the settings, if it never was."""
     try:
         started = (folder / ADDRESS_FILE).read_text(encoding="utf-8").strip()
-    except OSError:
+    except (OSError, ValueError):
         started = ""
-    if settings.public_url is not None or not started:
+    if settings.public_url is not None or not started.startswith(("http://", "https://")):
         return address_of_server(settings)
     return started
 

@@ -25,7 +25,7 @@ from ballscrew.monitoring.epochs import METHOD_CHANGED, Event, read_events
 from ballscrew.recording.readers import version_of
 from ballscrew.recording.readers.process import opened
 from ballscrew.store.folder import actor, now
-from ballscrew.store.inserting import Added, axis_row, check_added, check_key, check_text, insert_run
+from ballscrew.store.inserting import Added, axis_row, check_added, check_name, check_text, insert_run
 from ballscrew.store.opened import OpenStore, record
 from ballscrew.store.parts import count_parts
 from ballscrew.store.raw_files import StoredFile, path_of, put_file
@@ -431,9 +431,9 @@ def add_sheet(store: OpenStore, path: Path, *, machine: str | None = None, site:
 def _machine_row(session: Session, name: str, site: str) -> MachineRow:
     row = session.scalar(select(MachineRow).where(MachineRow.name == name, MachineRow.site == site))
     if row is None:
-        check_key("the name of the machine", name)
+        check_name("the name of the machine", name)
         if site:
-            check_key("the name of the site", site)
+            check_name("the name of the site", site)
         row = MachineRow(name=name, site=site)
         session.add(row)
         session.flush()

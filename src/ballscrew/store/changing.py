@@ -15,6 +15,7 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.fcft.plan import read_plan
 from ballscrew.modal.amend import amend
 from ballscrew.modal.run import Run
+from ballscrew.monitoring.epochs import moment
 from ballscrew.store.exclusions import SERVER, end_exclusions, id_of, insert_exclusion
 from ballscrew.store.folder import actor, now
 from ballscrew.store.inserting import check_added, check_text, insert_run
@@ -77,7 +78,7 @@ def correct_run(
         ).all():
             corrected = amend_result(session, row, method, measured_at=measured_at, mass=mass)
             new = corrected.id
-            if (corrected.measured_at, corrected.mass_kg) == (row.measured_at, row.mass_kg):
+            if _time(corrected.measured_at) == row.time and corrected.mass_kg == row.mass_kg:
                 raise InputError(f"the run {shown(row.run[:12])} has this time and load already.")
             newest = newest_version(session, row)
             if newest not in (row.run, new):
@@ -92,6 +93,10 @@ def correct_run(
             end_exclusions(session, row, "its time was corrected.", by or actor(), (SERVER,))
         update_parts(session, new, by or actor())
     return new
+
+
+def _time(measured_at: str | None) -> float | None:
+    return None if measured_at is None else moment(measured_at, "measured_at").timestamp()
 
 
 def amend_result(

@@ -226,7 +226,7 @@ def axis_row(session: Session, name: str) -> Axis:
     """Row of an axis, new where there is none."""
     row = session.scalar(select(Axis).where(Axis.name == name))
     if row is None:
-        check_key("the name of the axis", name)
+        check_name("the name of the axis", name)
         if "/" in name or not name.strip(". "):
             raise InputError(
                 f"the name of the axis is {shown(name)}; it may have any characters but '/' and control "
@@ -255,7 +255,7 @@ def method_row(session: Session, run: Run, revision: int) -> Method:
 
 
 def check_key(what: str, value: str) -> None:
-    """Check that a text can be a key: not too long, and not to be confused with another one.
+    """Check that a text can be a key: not too long, not blank, without control characters.
 
     Parameters
     ----------
@@ -273,13 +273,18 @@ def check_key(what: str, value: str) -> None:
         raise InputError(f"{what} has {len(value)} characters; it must have {_LONGEST_NAME} at most.")
     if not value.strip():
         raise InputError(f"{what} is {value!r}; it must not be blank.")
-    invisible = any(unicodedata.category(character) == "Cf" for character in value)
-    if printable(value) != value or invisible:
+    if printable(value) != value:
         raise InputError(f"{what} is {shown(value)}; it must not contain control characters.")
+
+
+def check_name(what: str, value: str) -> None:
+    """Check that a text can be a new name: a key that does not look like another; parameters as above."""
+    check_key(what, value)
+    if any(unicodedata.category(character) == "Cf" for character in value):
+        raise InputError(f"{what} is {shown(value)}; it must not contain invisible characters.")
     if " ".join(value.split()) != value:
-        raise InputError(
-            f"{what} is {shown(value)}; it must not begin or end with blanks, or have two in a row."
-        )
+        blanks = "begin or end with blanks, or have two in a row"
+        raise InputError(f"{what} is {shown(value)}; it must not {blanks}.")
 
 
 def check_text(what: str, text: str) -> None:

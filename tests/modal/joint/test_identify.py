@@ -235,6 +235,7 @@ def test_a_mode_beyond_the_range_asks_for_no_higher_rate(frequency: float, reaso
     found = identify._frequency_refusal(4000.0, frequency, wrong_sheet, settings)
     assert (found is None) == (frequency < 400)
     if found is not None:
+        assert found.kind == "low-rate"
         assert found.text.endswith("far above the 100 Hz that the data sheet predicts: check the data sheet")
 
 

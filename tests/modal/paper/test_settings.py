@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from ballscrew.base.errors import InputError
@@ -38,6 +39,10 @@ from ballscrew.modal.paper.settings import PaperSettings
 def test_what_cannot_be_is_refused(changes, message):
     with pytest.raises(InputError, match=message):
         PaperSettings(**changes)
+
+
+def test_a_band_may_be_an_array():
+    assert PaperSettings(band=np.array([100.0, 200.0])).band[1] == 200.0
 
 
 def test_all_settings_are_stored_with_a_result():

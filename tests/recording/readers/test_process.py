@@ -150,9 +150,10 @@ def test_how_a_reader_ended_without_fork(
         read(tmp_path / "a.npz")
 
 
-def test_status_of_a_crash_on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("status", "number"), [(0xC0000005, signal.SIGSEGV), (0xC000013A, signal.SIGINT)])
+def test_status_of_a_crash_on_windows(monkeypatch: pytest.MonkeyPatch, status: int, number: int) -> None:
     class Crashed:
-        returncode = 0xC0000005
+        returncode = status
         stdin = stdout = io.BytesIO()
 
         def __enter__(self) -> Crashed:
@@ -166,7 +167,7 @@ def test_status_of_a_crash_on_windows(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(process, "_start", lambda *_, **__: Crashed())
     with process._own_process(10.0) as session:
-        assert session.ended_by() == signal.SIGSEGV
+        assert session.ended_by() == number
 
 
 @needs_fork

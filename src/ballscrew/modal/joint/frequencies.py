@@ -16,7 +16,7 @@ from ballscrew.modal.joint.frame import FrameSearch, is_far_above
 from ballscrew.modal.joint.local_wear import local_residue, shrinkage_covariance
 from ballscrew.modal.joint.mode import FORM_DEVIATION, AxialMode, mode_frequency
 from ballscrew.modal.joint.parameters import limits_of
-from ballscrew.modal.joint.profile import EXPONENT_DEVIATION
+from ballscrew.modal.joint.profile import EXPONENT_DEVIATION, EXPONENT_MEAN
 from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import (
@@ -244,10 +244,15 @@ def _damping_error(fit: JointFit) -> float:
         if exponent >= limits_of([parameter])[1, 0]:
             return _JOINT_DAMPERS
         index = fit.parameters.index(parameter)
-        own = 1 / float(np.linalg.pinv(fit.hessian)[index, index]) - EXPONENT_DEVIATION**-2
-        own = max(own, 0.0) / variance_inflation(fit, index)
-        mean = (own * exponent + information * mean) / (own + information)
-        information += own
+        # The fit's own prior is taken out of its estimate.
+        whole = 1 / float(np.linalg.pinv(fit.hessian)[index, index])
+        by_prior = SAMPLES_PER_INDEPENDENT * EXPONENT_DEVIATION**-2
+        if whole > by_prior:
+            inflation = variance_inflation(fit, index)
+            own = (whole - by_prior) / inflation
+            weighted = (whole * exponent - by_prior * EXPONENT_MEAN) / inflation
+            mean = (weighted + information * mean) / (own + information)
+            information += own
     in_joints = math.sqrt(max(mean, 0.0) ** 2 + 1 / information) / 2  # part of the damping, rms
     return _JOINT_DAMPERS * min(in_joints, 1.0) ** 2
 

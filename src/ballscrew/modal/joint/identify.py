@@ -140,7 +140,7 @@ def _frequency_refusal(
             f"the mode is near {frequency:.0f} Hz, far above the {initial.rotor_free:.0f} Hz that the data "
             "sheet predicts: check the data sheet"
         )
-        return Reason("no-mode", text)
+        return Reason("low-rate", text)
     return refusal
 
 

@@ -27,9 +27,10 @@ from ballscrew.modal.joint.uncertainty import variance_inflation
 
 # Prior of the damping ratio's exponent along the axis: between hysteresis (0) and damping in the springs (1),
 # and not excluding damping in the guide (-1).
-_EXPONENT_MEAN = 0.5
+EXPONENT_MEAN = 0.5
+"""Mean of the prior of the damping ratio's exponent."""
 EXPONENT_DEVIATION = 0.7
-"""Standard deviation of the prior of the damping ratio's exponent."""
+"""Its standard deviation."""
 
 # Priors of damping ratios: median, and standard deviation of the logarithm.
 _FRAME_DAMPING = (0.05, 0.9)
@@ -94,7 +95,7 @@ class Profile:
         adapted, moves the frequencies of ten random axes by 0.09 of their uncertainty at most. Those of a
         frame, if adapted, increase the rms error of 20 runs with a frame from 0.60 to 0.76 Hz.
         """
-        out = [Prior((("damping_exponent", 1.0),), _EXPONENT_MEAN, EXPONENT_DEVIATION)]
+        out = [Prior((("damping_exponent", 1.0),), EXPONENT_MEAN, EXPONENT_DEVIATION)]
         if not self.curved:
             out.append(Prior((("form", 1.0),), FORM_MEAN, self.scaled(FORM_DEVIATION, inflation)))
         if self.mass_over_preload > 0:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -72,9 +71,10 @@ class PaperSettings:
             self._check_band()
 
     def _check_band(self) -> None:
-        if not isinstance(self.band, Sequence) or len(self.band) != 2:
-            raise InputError(f"the band is {shown(self.band)}; it must be two frequencies in Hz.")
-        low, high = self.band
+        try:
+            low, high = self.band  # type: ignore[misc]  # checked before
+        except (TypeError, ValueError):
+            raise InputError(f"the band is {shown(self.band)}; it must be two frequencies in Hz.") from None
         check_setting("the lower end of the band", low, above=0.0)
         check_setting("the upper end of the band", high, above=low)
 

@@ -48,6 +48,7 @@ _PROGRAM = (
 _OUT_OF_TIME = {getattr(signal, name, -1) for name in ("SIGXCPU", "SIGALRM")}
 _LATE = getattr(signal, "SIGXCPU", -1)
 _CRASH_STATUS = 0xC0000000  # of a process on Windows, and above
+_CONTROL_C = 0xC000013A  # the same, or its console was closed
 _FROM_OUTSIDE = {0, signal.SIGTERM, signal.SIGINT, getattr(signal, "SIGKILL", -1)}  # 0: while it sent samples
 _ENVIRONMENT = {  # few threads and arenas, each of which takes address space
     "OPENBLAS_NUM_THREADS": "1",
@@ -265,6 +266,8 @@ def _own_process(seconds: float) -> Iterator[_Session]:
         status = process.returncode or 0
         if late.is_set():
             return _LATE
+        if status == _CONTROL_C:
+            return signal.SIGINT
         if status >= _CRASH_STATUS:
             return signal.SIGSEGV
         return max(-status, 0)
