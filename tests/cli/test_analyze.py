@@ -182,8 +182,8 @@ def test_a_bad_measurement_has_status_1_and_is_printed(ballscrew, rig):
 @pytest.mark.parametrize(
     ("extra", "expected"),
     [
-        (["--band", "200", "100"], "the band is 200 to 100 Hz; it must rise"),
-        (["--band", "0", "100"], "from above 0 Hz"),
+        (["--band", "200", "100"], "the upper end of the band is 100.0; it must be a number, more than 200"),
+        (["--band", "0", "100"], "the lower end of the band is 0.0; it must be a number, more than 0"),
         (["--estimator", "H9"], "the estimator is 'H9'; it must be one of H1, H2, Hv"),
         (["--average", "mean"], "the average is 'mean'; it must be one of spectra, ratios"),
         (["--method", "magic"], "the method is 'magic'; it must be one of joint, paper"),

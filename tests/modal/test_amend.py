@@ -92,7 +92,7 @@ def test_what_cannot_be_amended(documents: tuple[DataSheet, Plan]) -> None:
 def test_a_load_that_is_no_mass_is_refused(documents: tuple[DataSheet, Plan]) -> None:
     sheet, plan = documents
     run = measured(sheet, plan, 100.0, None)
-    with pytest.raises(InputError, match=r"the load \(mass\) is '5 mm': "):
+    with pytest.raises(InputError, match=r"the load \(mass\) is '5 mm'; it must be a quantity in kg"):
         amend(run, mass="5 mm", axis=sheet, plan=plan)
 
 
