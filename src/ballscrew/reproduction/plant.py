@@ -246,7 +246,7 @@ PLANT = (
     PlantAxis("mill 4 X", "mill 4", "hall 1", _MILL, 20.0, worn=(96.0, 45.0)),
     PlantAxis("mill 4 Y", "mill 4", "hall 1", _MILL, 19.0, recorded=_RECORDED, like="mill 4 X"),
     PlantAxis(
-        "mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(101.0, 360.0), recorded=(26, 52, 78),
+        "mill 4 Z", "mill 4", "hall 1", _MILL, 18.0, worn=(101.0, 180.0), recorded=(26, 52, 78),
         like="mill 4 X", draw=1,
     ),
     PlantAxis(
