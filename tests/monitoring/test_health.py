@@ -640,3 +640,13 @@ def test_lost_motion_without_an_uncertainty_is_no_backlash() -> None:
 def test_one_run_shows_no_trend() -> None:
     chart = chart_of(*(np.array([value]) for value in (0.0, 0.0, 1e-3, math.nan)), (), FEW, 0.0)
     assert trend_evidence(chart) == (0.0, "there are too few runs for a trend")
+
+
+def test_a_run_with_another_data_sheet_than_the_reference_counts_with_a_note() -> None:
+    runs = history(range(6))
+    runs = [replace(run, made=replace(run.made, inputs={"axis": "a"})) for run in runs]
+    runs[-1] = replace(runs[-1], made=replace(runs[-1].made, inputs={"axis": "b"}))
+    readings = [run.reading for run in assess(runs).runs]
+    noted = [any("another data sheet" in reason for reason in reading.reasons) for reading in readings]
+    assert noted == [False] * 5 + [True]
+    assert readings[-1].verdict == "good"
