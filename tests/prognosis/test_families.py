@@ -66,7 +66,9 @@ def test_the_pace_of_each_family() -> None:
         cloud = family.cloud(np.zeros((1, N_PARAMETERS)), PRIOR, 100.0)
         pace[name] = np.diff(cloud.course(np.arange(20.0, 300.0)))[0]
     assert pace["straight line"] == pytest.approx(1)
-    assert (np.diff(pace["law of wear, by time"]) < 0).all()
+    assert pace["law of wear, by time"] == pytest.approx(1)
+    assert (np.diff(pace["running-in"]) < 0).all()
+    assert pace["running-in"][0] / pace["running-in"][-1] == pytest.approx(1 + 1 / 0.7, rel=0.05)
     assert np.log(pace["exponential"])[-1] == pytest.approx(PRIOR.growth * 279 / 80, rel=0.02)
     assert np.unique(pace["change of regime"].round(6)).tolist() == [1.0, PRIOR.factor]
 

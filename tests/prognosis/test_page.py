@@ -52,7 +52,7 @@ def test_the_tables_of_families_and_prior_are_those_of_the_program() -> None:
     assert len(rows) == 13
     assert (prior.rate, prior.onset, prior.noise, prior.walk) == (1e-3, 20.0, 0.7, 0.3)
     assert (prior.growth, prior.factor, prior.relaxation) == (1.2, 2.5, 5.0)
-    assert (prior.hazard, prior.later, prior.later_spread) == (0.45, 2.0, 1.2)
+    assert (prior.hazard, prior.later, prior.later_spread) == (0.45, 2.5, 1.8)
     lines = TEXT.split("| family |")[1].split("\n\n")[0].splitlines()
     for family in FAMILIES:
         (row,) = [line for line in lines if line.startswith(f"| {family.name} |")]

@@ -62,7 +62,7 @@ class FamilyPrior:
     later, later_spread : float
         Factor of that change; below 1 wear slows down.
     relaxation, relaxation_spread : float
-        −k of running-in, in the laws of wear, times the duty of wear so far.
+        −k of running-in, times the duty of wear so far.
     """
 
     rate: float = 1e-3
@@ -77,8 +77,8 @@ class FamilyPrior:
     factor: float = 2.5
     factor_spread: float = 0.7
     hazard: float = 0.45
-    later: float = 2.0
-    later_spread: float = 1.2
+    later: float = 2.5
+    later_spread: float = 1.8
     relaxation: float = 5.0
     relaxation_spread: float = 1.5
 
@@ -130,8 +130,8 @@ class Family:
     ----------
     name : str
         As printed.
-    by_law, grows, changes : bool
-        Whether p, k, and c with s_c are free; otherwise the preload falls on a straight line.
+    by_law, runs_in, grows, changes : bool
+        Whether p, k < 0, k > 0, and c with s_c are free; without all, the preload falls on a straight line.
     by_travel : bool
         Whether the duty is travel; otherwise it is time.
     by_hours : bool
@@ -142,6 +142,7 @@ class Family:
 
     name: str
     by_law: bool = False
+    runs_in: bool = False
     grows: bool = False
     changes: bool = False
     by_travel: bool = False
@@ -152,9 +153,9 @@ class Family:
     def free(self) -> tuple[int, ...]:
         """Numbers of a member that the family uses."""
         course = 0
-        if self.by_law or self.changes:
+        if self.runs_in or self.changes:
             course = 2
-        elif self.grows:
+        elif self.by_law or self.grows:
             course = 1
         return tuple(range(N_PARAMETERS - 2 + course))
 
@@ -183,6 +184,7 @@ class Family:
         rate = np.exp(math.log(prior.rate) + prior.rate_spread * z[:, 0])
         if self.by_law:
             exponent = _STEEPEST * ndtr(z[:, 4])
+        if self.runs_in:
             growth = -np.exp(math.log(prior.relaxation) + prior.relaxation_spread * z[:, 5]) / worn
             change, factor = np.zeros(m), np.full(m, 1 + _STEADY)
             rate = rate / factor
@@ -204,12 +206,13 @@ class Family:
 
 
 FAMILIES = (
-    Family("straight line", weight=0.2),
-    Family("law of wear, by time", by_law=True, weight=0.4),
-    Family("law of wear, by travel", by_law=True, by_travel=True, weight=0.4),
-    Family("exponential", grows=True, weight=0.3),
-    Family("change of regime", changes=True, weight=0.25),
-    Family("law of wear, by hours", by_law=True, by_hours=True, weight=0.4),
+    Family("straight line", weight=0.05),
+    Family("law of wear, by time", by_law=True, weight=0.2),
+    Family("law of wear, by travel", by_law=True, by_travel=True, weight=0.2),
+    Family("exponential", grows=True, weight=0.15),
+    Family("change of regime", changes=True, weight=0.5),
+    Family("law of wear, by hours", by_law=True, by_hours=True, weight=0.2),
+    Family("running-in", by_law=True, runs_in=True, weight=0.1),
 )
 """The families of the average."""
 

@@ -29,7 +29,7 @@ from ballscrew.prognosis.preload_history import PreloadHistory
 from ballscrew.prognosis.readings import Readings, readings_of
 
 _FORGET = 0.99  # of a score, with each reading
-_LEAST_WEIGHT = 0.01  # of a family
+_LEAST_WEIGHT = 0.003  # of a family
 _STEPS = 36  # days ahead of a path
 _FIRST_STEP = 0.25  # day
 _MOST_FOLDS = 20.0  # of the duty of wear, beyond which no change is ahead
@@ -253,8 +253,9 @@ def weigh_families(fits: Sequence[FamilyFit]) -> tuple[Array, float]:
         those one to eight readings ahead.
     """
     known = np.isfinite(fits[0].score)
-    gain = np.stack([np.where(known, fit.score / AHEAD, 0.0).sum(axis=1) for fit in fits])
-    gain = gain / np.maximum(known.sum(axis=1), 1)
+    share = known / np.array(AHEAD)  # forecasts k readings ahead overlap
+    share /= np.maximum(share.sum(axis=1, keepdims=True), 1e-12)
+    gain = np.stack([np.sum(share * np.nan_to_num(fit.score), axis=1) for fit in fits])
     log_weight = np.tile(np.log([fit.family.weight for fit in fits]), (len(known) + 1, 1))
     total = np.zeros(len(fits))
     for reading in range(len(known)):
