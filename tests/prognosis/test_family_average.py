@@ -53,6 +53,26 @@ def test_wear_that_speeds_up_is_not_excluded_before_it_does() -> None:
     assert min(forecast.families.values()) >= 0.003
 
 
+def test_a_path_that_speeds_up_reaches_an_end_that_was_out_of_reach() -> None:
+    """At the steady pace half of the preload is lost after 1000 days, beyond the reach of 600."""
+    history = loss(0.0005 * np.arange(61.0))
+    steady, faster = (
+        replace(QUICK, families=FAMILIES[:1], prior=FamilyPrior(hazard=hazard, later=10.0, later_spread=0.0))
+        for hazard in (0.0, 1e6)
+    )
+    assert steady.forecast(history, HALF).quantile(0.5) == math.inf
+    assert faster.forecast(history, HALF).quantile(0.5) == pytest.approx((1000 - 60) / 10, rel=0.15)
+
+
+def test_no_pace_changes_before_wear_begins() -> None:
+    plain, changing = (
+        replace(QUICK, prior=FamilyPrior(hazard=hazard)).forecast(healthy(60), HALF) for hazard in (0.0, 1e6)
+    )
+    assert changing.begun == plain.begun < 0.5
+    assert np.isinf(changing.quantile(0.9))
+    assert changing.quantile(0.05) > 10
+
+
 def test_an_exponential_is_followed() -> None:
     course = 0.01 * np.expm1(np.maximum(np.arange(58.0) - 10, 0) / 15)
     forecast = QUICK.forecast(loss(course), HALF)

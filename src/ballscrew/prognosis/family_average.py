@@ -32,6 +32,7 @@ _FORGET = 0.99  # of a score, with each reading
 _LEAST_WEIGHT = 0.003  # of a family
 _STEPS = 36  # days ahead of a path
 _FIRST_STEP = 0.25  # day
+_FASTER = np.geomspace(1.0, 30.0, 9)[1:]  # spans of a forecast: a path that speeds up goes so far within one
 _MOST_FOLDS = 20.0  # of the duty of wear, beyond which no change is ahead
 _LEAST_WORN = 0.1  # of the duty: wear that has just begun
 _RECORD = 5.0  # forecasts of a record that count as much as the belief in the stated width
@@ -152,11 +153,9 @@ class FamilyAverage:
             Equally probable, with the scatter of a reading.
         """
         readings = self._readings(history)
-        span = days[-1] - history.last_day
-        later = np.concatenate([[history.last_day], days, days[-1] + span * np.array([1.0, 3.0])])
-        paths, _, _ = self._average(readings, later)
+        paths, _, _ = self._average(readings, np.append(history.last_day, days))
         random = np.random.default_rng([self.seed, 4])
-        x = paths.remaining[:, 1 : 1 + len(days)]
+        x = paths.remaining[:, 1:]
         scatter = readings.typical * paths.noise[:, None] * random.standard_normal(x.shape)
         return np.asarray(readings.initial_friction * np.maximum(x + scatter, 0.0) ** 1.5)
 
@@ -182,14 +181,15 @@ class FamilyAverage:
         ]
         weight, width = weigh_families(fits)
         edges = np.round(np.cumsum(np.append(0.0, weight)) * self.samples).astype(int)
+        far = np.append(days, days[0] + (days[-1] - days[0]) * _FASTER)
         paths = []
         for fit, duty, count in zip(fits, duties, np.diff(edges).tolist(), strict=True):
-            ahead = self._duty(fit.family, days)
+            ahead = self._duty(fit.family, far)
             paths.append(
-                sample_paths(fit, readings, duty, days, ahead, width=width, count=count, seed=self.seed)
+                sample_paths(fit, readings, duty, far, ahead, width=width, count=count, seed=self.seed)
             )
         today = [float(self._duty(family, days[:1])[0]) for family in families]
-        averaged = _change_pace(_join(paths, today), self.prior, today, days - days[0], self.seed)
+        averaged = _change_pace(_join(paths, today), self.prior, today, far - days[0], len(days), self.seed)
         names = [family.name for family in families]
         return averaged, dict(zip(names, weight.tolist(), strict=True)), width
 
@@ -222,16 +222,20 @@ def _join(paths: Sequence[Paths], today: Sequence[float]) -> _Averaged:
 
 
 def _change_pace(
-    paths: _Averaged, prior: FamilyPrior, today: Sequence[float], ahead: Array, seed: int
+    paths: _Averaged, prior: FamilyPrior, today: Sequence[float], ahead: Array, count: int, seed: int
 ) -> _Averaged:
-    """Paths whose pace changes once more, at a hazard inversely proportional to the duty of wear."""
+    """Paths whose pace, where wear has begun, changes once more: at a hazard inversely as the duty of wear.
+
+    They are those of the first ``count`` times ahead; the others are where paths that speed up arrive.
+    """
     random = np.random.default_rng([seed, 5])
     duty = np.array(today)[paths.family]
     worn = np.maximum(duty - paths.onset, np.maximum(_LEAST_WORN * duty, 1.0))
     folds = random.exponential(size=len(worn)) / max(prior.hazard, 1e-9)
-    at = worn * np.expm1(np.minimum(folds, _MOST_FOLDS))
+    at = np.where(paths.begun, worn * np.expm1(np.minimum(folds, _MOST_FOLDS)), np.inf)
     faster = np.exp(math.log(prior.later) + prior.later_spread * random.standard_normal(len(worn)))
-    time = ahead + (faster - 1)[:, None] * np.maximum(ahead - at[:, None], 0.0)
+    first = ahead[:count]
+    time = first + (faster - 1)[:, None] * np.maximum(first - at[:, None], 0.0)
     rows = zip(time, paths.remaining, strict=True)
     return replace(paths, remaining=np.stack([np.interp(t, ahead, x) for t, x in rows]))
 
