@@ -168,3 +168,9 @@ def test_a_pipe_is_no_duty(tmp_path):
     os.mkfifo(tmp_path / "duty.csv")
     with pytest.raises(InputError, match=r"it is a pipe.*; a duty is a CSV file"):
         read_duty(tmp_path / "duty.csv")
+
+
+def test_an_epoch_of_one_run_has_no_duty_between_runs(tmp_path):
+    duty = read_duty(write(tmp_path, "2026-01-01,1,1", "2026-01-05,100,2"))
+    run = datetime(2026, 1, 2, tzinfo=UTC)
+    assert duty.of_epoch(run, run) == {}

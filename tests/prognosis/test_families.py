@@ -51,6 +51,14 @@ def test_depth_and_remaining_part_are_inverse(x: float, p: float) -> None:
     assert remaining_part(depth, np.array(p)) == pytest.approx(x, abs=1e-6)
 
 
+@pytest.mark.parametrize("law", LAW_EXPONENTS)
+def test_noise_makes_no_new_nut_many_times_as_stiff(law: str) -> None:
+    """Above x = 1 the depth of the steepest laws has a limit, which noise may pass."""
+    x = remaining_part(np.array([-0.5, -2.5, -100.0]), np.array(LAW_EXPONENTS[law]))
+    assert (x > 1).all()
+    assert (x <= 2).all()
+
+
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_course_begins_at_the_onset_and_never_falls(family) -> None:
     cloud = family.cloud(Z, PRIOR, 60.0)
@@ -74,7 +82,9 @@ def test_the_pace_of_each_family() -> None:
 
 
 def test_the_nearest_law_is_named() -> None:
-    result = named_laws(np.array([0.1, 0.4, 0.5, 1.4]))
+    result = named_laws(np.array([0.1, 0.4, 0.5, 1.4]), np.full(4, 2.0))
+    assert named_laws(np.empty(0), np.empty(0)) == {}
+    assert named_laws(np.array([0.1, 1.4]), np.array([3.0, 1.0]))["external-load"] == 0.75
     assert result == {"external-load": 0.25, "contact-pressure": 0.5, "exponential": 0, "preload": 0.25}
 
 

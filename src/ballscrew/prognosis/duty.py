@@ -63,7 +63,7 @@ class DutyRecord:
         Returns
         -------
         dict of str to EpochDuty
-            By name of the counter; day 0 is that of the first run.
+            By name of the counter; day 0 is that of the first run. Empty where all runs are at one time.
 
         Raises
         ------
@@ -77,7 +77,9 @@ class DutyRecord:
                 f"the runs of the epoch are from {_date(start)} to {_date(end)}; it must cover them to "
                 f"within {_GAP:g} days."
             )
-        duties = {}
+        duties: dict[str, EpochDuty] = {}
+        if not end > start:
+            return duties
         for name, values in self.counters.items():
             duty = EpochDuty(self.times - start, values, end - start)
             if not duty.per_day > 0:

@@ -36,6 +36,7 @@ _STRAIGHT = -0.5  # p of a preload that falls on a straight line
 _STEEPEST = 1.5  # p of the steepest law
 _MOST_GROWTH = 8.0  # k s: three thousand times the first pace
 _STEADY = 0.7  # steady pace, over the initial excess of running-in
+_MOST_REMAINING = 2.0  # x of the largest reading that noise makes
 _LAST = 0.05  # x from which on the load alone wears: a hundredth of the preload
 
 
@@ -58,7 +59,7 @@ class FamilyPrior:
     factor, factor_spread : float
         c; s_c is uniform over the duty of wear so far.
     hazard : float
-        Rate of one more change of pace, ahead, while the duty of wear grows e-fold.
+        Rate of one more change of pace of wear that has begun, ahead, while its duty grows e-fold.
     later, later_spread : float
         Factor of that change; below 1 wear slows down.
     relaxation, relaxation_spread : float
@@ -131,7 +132,7 @@ class Family:
     name : str
         As printed.
     by_law, runs_in, grows, changes : bool
-        Whether p, k < 0, k > 0, and c with s_c are free; without all, the preload falls on a straight line.
+        Whether p, k < 0, k > 0, and c with s_c are free; with none, the preload falls on a straight line.
     by_travel : bool
         Whether the duty is travel; otherwise it is time.
     by_hours : bool
@@ -242,7 +243,8 @@ def remaining_part(depth: Array, exponent: Array) -> Array:
     """Remaining part x, the inverse of :func:`wear_depth`."""
     q = _complement(exponent)
     last = -np.expm1(q * math.log(_LAST)) / q
-    above = np.exp(np.log(np.maximum(1 - q * np.minimum(depth, last), 1e-12)) / q)
+    base = np.maximum(1 - q * np.minimum(depth, last), 1e-12)
+    above = np.exp(np.minimum(np.log(base) / q, math.log(_MOST_REMAINING)))
     return np.asarray(np.where(depth < last, above, _LAST - (depth - last) * _LAST ** (1 - q)))
 
 
@@ -252,19 +254,21 @@ def _complement(exponent: Array) -> Array:
     return np.asarray(np.where(np.abs(q) < 1e-5, 1e-5, q))
 
 
-def named_laws(exponent: Array) -> dict[str, float]:
+def named_laws(exponent: Array, weight: Array) -> dict[str, float]:
     """Probability of each named law, by the law nearest to each member's exponent.
 
     Parameters
     ----------
-    exponent : ndarray, shape (m,)
-        p of equally probable members.
+    exponent, weight : ndarray, shape (m,)
+        p of members, and their weights.
 
     Returns
     -------
     dict
-        Name to probability, in the order of p.
+        Name to probability, in the order of p; empty without members.
     """
+    if not len(exponent):
+        return {}
     nearest = np.argmin(np.abs(exponent[:, None] - list(LAW_EXPONENTS.values())), axis=1)
-    count = np.bincount(nearest, minlength=len(LAW_EXPONENTS)) / max(len(exponent), 1)
-    return dict(zip(LAW_EXPONENTS, count.tolist(), strict=True))
+    total = np.bincount(nearest, weights=weight, minlength=len(LAW_EXPONENTS)) / np.sum(weight)
+    return dict(zip(LAW_EXPONENTS, total.tolist(), strict=True))

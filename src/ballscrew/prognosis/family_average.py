@@ -3,8 +3,8 @@
 No law of wear is known to hold, and a forecast by a wrong one is late where wear speeds up. So families of
 different courses are averaged, each by how it predicted every reading one to eight readings ahead (Dawid,
 *Statistical theory: the prequential approach*, J. R. Stat. Soc. A 147, 1984, DOI 10.2307/2981683). No weight
-falls below a floor, and the pace of every path may change once more. Where the average's own past forecasts
-were too narrow, it is widened.
+falls below a floor, and the pace of wear that has begun may change once more. Where the average's own past
+forecasts were too narrow, it is widened.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _FORGET = 0.99  # of a score, with each reading
 _LEAST_WEIGHT = 0.003  # of a family
 _STEPS = 36  # days ahead of a path
 _FIRST_STEP = 0.25  # day
-_FASTER = np.geomspace(1.0, 30.0, 9)[1:]  # spans of a forecast: a path that speeds up goes so far within one
+_FAR_SPANS = np.geomspace(1.0, 300.0, 13)[1:]  # of a forecast: a path that speeds up goes so far within one
 _MOST_FOLDS = 20.0  # of the duty of wear, beyond which no change is ahead
 _LEAST_WORN = 0.1  # of the duty: wear that has just begun
 _RECORD = 5.0  # forecasts of a record that count as much as the belief in the stated width
@@ -49,8 +49,8 @@ class FamilyAverage:
     prior : FamilyPrior
         Prior of their parameters.
     travel, hours : callable, optional
-        Duty up to each of an array of days, past and ahead, as that of so many average days; by default in
-        proportion to time.
+        Duty up to each of an array of days, past and ahead (300 times the reach), as that of so many average
+        days; by default in proportion to time.
     members : int
         Members of a cloud of a family, see :func:`~.family_fit.fit_family`.
     samples : int
@@ -109,7 +109,7 @@ class FamilyAverage:
         readings = self._readings(history.until(day))
         reach = reach_of(max(day - float(history.days[0]), 0.0))
         ahead = np.concatenate([[0.0], np.geomspace(_FIRST_STEP, reach, _STEPS)])
-        paths, weight, width = self._average(readings, day + ahead)
+        paths, weight, width, laws = self._average(readings, day + ahead)
         begun = float(np.mean(paths.begun))
         if self.alarm and begun >= least_begun(self.alarm):
             paths = paths.part(paths.begun)
@@ -120,7 +120,6 @@ class FamilyAverage:
         days = fan_days(lives, reach)
         ratio = np.stack([np.interp(days, ahead, row) for row in _ratio(paths.remaining, scale)])
         mode, text = failure.mode(history.approach)
-        lawful = np.isin(paths.family, [k for k, family in enumerate(self._applicable()) if family.by_law])
         return Forecast(
             at=day,
             rul_days=lives,
@@ -133,7 +132,7 @@ class FamilyAverage:
             begun=begun,
             alarm=self.alarm,
             families=weight,
-            laws=named_laws(paths.exponent[lawful]),
+            laws=laws,
             parameters={"width": width, "ratio_median": float(np.median(ratio[:, 0]))},
         )
 
@@ -151,9 +150,20 @@ class FamilyAverage:
         -------
         ndarray, shape (samples, k)
             Equally probable, with the scatter of a reading.
+
+        Raises
+        ------
+        InputError
+            If the days are not, or there is no run.
         """
+        days = np.asarray(days, dtype=np.float64)
+        steps = np.diff(np.append(history.last_day, days))
+        if not len(days) or not (np.isfinite(steps) & (steps > 0)).all():
+            raise InputError(
+                "the days of a forecast must be finite and ascend from the day after the last run."
+            )
         readings = self._readings(history)
-        paths, _, _ = self._average(readings, np.append(history.last_day, days))
+        paths, *_ = self._average(readings, np.append(history.last_day, days))
         random = np.random.default_rng([self.seed, 4])
         x = paths.remaining[:, 1:]
         scatter = readings.typical * paths.noise[:, None] * random.standard_normal(x.shape)
@@ -171,8 +181,10 @@ class FamilyAverage:
         families = [family for family in self.families if self.travel is not None or not family.by_travel]
         return [family for family in families if self.hours is not None or not family.by_hours]
 
-    def _average(self, readings: Readings, days: Array) -> tuple[_Averaged, dict[str, float], float]:
-        """Paths of x on some days, weights of the families, and the factor of their width."""
+    def _average(
+        self, readings: Readings, days: Array
+    ) -> tuple[_Averaged, dict[str, float], float, dict[str, float]]:
+        """Paths of x on some days, weights of families, factor of the width, and probabilities of laws."""
         families = self._applicable()
         duties = [self._duty(family, readings.days) for family in families]
         fits = [
@@ -181,17 +193,20 @@ class FamilyAverage:
         ]
         weight, width = weigh_families(fits)
         edges = np.round(np.cumsum(np.append(0.0, weight)) * self.samples).astype(int)
-        far = np.append(days, days[0] + (days[-1] - days[0]) * _FASTER)
+        sampled = np.append(days, days[0] + (days[-1] - days[0]) * _FAR_SPANS)
+        ahead = [self._duty(family, sampled) for family in families]
         paths = []
-        for fit, duty, count in zip(fits, duties, np.diff(edges).tolist(), strict=True):
-            ahead = self._duty(fit.family, far)
+        for fit, past, later, count in zip(fits, duties, ahead, np.diff(edges).tolist(), strict=True):
             paths.append(
-                sample_paths(fit, readings, duty, far, ahead, width=width, count=count, seed=self.seed)
+                sample_paths(fit, readings, past, sampled, later, width=width, count=count, seed=self.seed)
             )
-        today = [float(self._duty(family, days[:1])[0]) for family in families]
-        averaged = _change_pace(_join(paths, today), self.prior, today, far - days[0], len(days), self.seed)
+        averaged = _change_pace(_join(paths, ahead), self.prior, np.stack(ahead), len(days), self.seed)
         names = [family.name for family in families]
-        return averaged, dict(zip(names, weight.tolist(), strict=True)), width
+        by_law = np.repeat([family.by_law for family in families], [len(fit.weight) for fit in fits])
+        exponent = np.concatenate([fit.cloud.exponent for fit in fits])
+        probability = np.concatenate([part * fit.weight for part, fit in zip(weight, fits, strict=True)])
+        laws = named_laws(exponent[by_law], probability[by_law])
+        return averaged, dict(zip(names, weight.tolist(), strict=True)), width, laws
 
     def _duty(self, family: Family, days: Array) -> Array:
         if family.by_travel and self.travel is not None:
@@ -213,31 +228,32 @@ class _Averaged(Paths):
         return _Averaged(**{item.name: getattr(self, item.name)[selected] for item in fields(self)})
 
 
-def _join(paths: Sequence[Paths], today: Sequence[float]) -> _Averaged:
+def _join(paths: Sequence[Paths], duty: Sequence[Array]) -> _Averaged:
     """Paths of all families together."""
     names = [item.name for item in fields(Paths)]
     columns = {name: np.concatenate([getattr(path, name) for path in paths]) for name in names}
     family = np.repeat(np.arange(len(paths)), [len(path.onset) for path in paths])
-    return _Averaged(**columns, family=family, begun=columns["onset"] < np.array(today)[family])
+    today = np.array([each[0] for each in duty])
+    return _Averaged(**columns, family=family, begun=columns["onset"] < today[family])
 
 
-def _change_pace(
-    paths: _Averaged, prior: FamilyPrior, today: Sequence[float], ahead: Array, count: int, seed: int
-) -> _Averaged:
-    """Paths whose pace, where wear has begun, changes once more: at a hazard inversely as the duty of wear.
+def _change_pace(paths: _Averaged, prior: FamilyPrior, duty: Array, count: int, seed: int) -> _Averaged:
+    """Change the pace of paths whose wear has begun, at a hazard inversely proportional to the duty of wear.
 
-    They are those of the first ``count`` times ahead; the others are where paths that speed up arrive.
+    ``duty`` is that of each family, shape (families, days). Only the first ``count`` days are returned; the
+    others are needed for paths that speed up.
     """
     random = np.random.default_rng([seed, 5])
-    duty = np.array(today)[paths.family]
-    worn = np.maximum(duty - paths.onset, np.maximum(_LEAST_WORN * duty, 1.0))
+    today = duty[paths.family, 0]
+    worn = np.maximum(today - paths.onset, np.maximum(_LEAST_WORN * today, 1.0))
     folds = random.exponential(size=len(worn)) / max(prior.hazard, 1e-9)
     at = np.where(paths.begun, worn * np.expm1(np.minimum(folds, _MOST_FOLDS)), np.inf)
     faster = np.exp(math.log(prior.later) + prior.later_spread * random.standard_normal(len(worn)))
-    first = ahead[:count]
-    time = first + (faster - 1)[:, None] * np.maximum(first - at[:, None], 0.0)
-    rows = zip(time, paths.remaining, strict=True)
-    return replace(paths, remaining=np.stack([np.interp(t, ahead, x) for t, x in rows]))
+    ahead = duty[paths.family] - today[:, None]
+    first = ahead[:, :count]
+    reached = first + (faster - 1)[:, None] * np.maximum(first - at[:, None], 0.0)
+    rows = zip(reached, ahead, paths.remaining, strict=True)
+    return replace(paths, remaining=np.stack([np.interp(*row) for row in rows]))
 
 
 def weigh_families(fits: Sequence[FamilyFit]) -> tuple[Array, float]:
@@ -259,7 +275,7 @@ def weigh_families(fits: Sequence[FamilyFit]) -> tuple[Array, float]:
     known = np.isfinite(fits[0].score)
     share = known / np.array(AHEAD)  # forecasts k readings ahead overlap
     share /= np.maximum(share.sum(axis=1, keepdims=True), 1e-12)
-    gain = np.stack([np.sum(share * np.nan_to_num(fit.score), axis=1) for fit in fits])
+    gain = np.stack([np.sum(share * np.where(known, fit.score, 0.0), axis=1) for fit in fits])
     log_weight = np.tile(np.log([fit.family.weight for fit in fits]), (len(known) + 1, 1))
     total = np.zeros(len(fits))
     for reading in range(len(known)):

@@ -92,7 +92,7 @@ def sample_paths(
     duty : ndarray, shape (n,)
         Duty at each reading.
     days, ahead : ndarray, shape (k,)
-        Days from the last reading on, and the duty up to each.
+        Days from that of the forecast on, and the duty up to each.
     width : float
         Factor of the standard deviations ahead.
     count : int
