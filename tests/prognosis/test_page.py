@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
 import pytest
 from benchmarks.forecast_shapes import SHAPES
 from benchmarks.forecasts import main
+from scipy.special import ndtr
 
 from ballscrew.prognosis.families import FAMILIES, FamilyPrior
 
@@ -52,7 +54,11 @@ def test_the_tables_of_families_and_prior_are_those_of_the_program() -> None:
     assert len(rows) == 13
     assert (prior.rate, prior.onset, prior.noise, prior.walk) == (1e-3, 20.0, 0.7, 0.3)
     assert (prior.growth, prior.factor, prior.relaxation) == (1.2, 2.5, 5.0)
-    assert (prior.hazard, prior.later, prior.later_spread) == (0.45, 2.5, 1.8)
+    doubling = 1 - 2**-prior.hazard
+    assert f"doubles | {doubling:.2f} ({prior.hazard:g} per e-fold) |" in TEXT
+    factor = math.exp(prior.later_spread)
+    assert f"| its factor | {prior.later:g}, times or divided by {factor:.1g}: three in ten" in TEXT
+    assert ndtr(-math.log(prior.later) / prior.later_spread) == pytest.approx(0.3, abs=0.05)
     lines = TEXT.split("| family |")[1].split("\n\n")[0].splitlines()
     for family in FAMILIES:
         (row,) = [line for line in lines if line.startswith(f"| {family.name} |")]
