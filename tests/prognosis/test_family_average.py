@@ -82,7 +82,7 @@ def test_a_path_that_speeds_up_wears_in_travel_only() -> None:
 @pytest.mark.parametrize("days", [[], [60.0], [62.0, 62.0], [63.0, 62.0], [61.0, math.nan]])
 def test_days_of_a_friction_ahead_ascend_from_the_last_run(days: list[float]) -> None:
     history = preload_history(np.arange(61.0), friction=np.full(61, 100.0), friction_uncertainty=1.0)
-    with pytest.raises(InputError, match=r"^the days of a forecast must be finite and ascend"):
+    with pytest.raises(InputError, match=r"^the days of a forecast must be finite, ascend"):
         QUICK.friction_ahead(history, np.array(days))
 
 

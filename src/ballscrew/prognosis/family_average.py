@@ -154,14 +154,12 @@ class FamilyAverage:
         Raises
         ------
         InputError
-            If the days are not, or there is no run.
+            If the days are not finite, ascending and later than the last run, or there is no run.
         """
         days = np.asarray(days, dtype=np.float64)
         steps = np.diff(np.append(history.last_day, days))
         if not len(days) or not (np.isfinite(steps) & (steps > 0)).all():
-            raise InputError(
-                "the days of a forecast must be finite and ascend from the day after the last run."
-            )
+            raise InputError("the days of a forecast must be finite, ascend, and be later than the last run.")
         readings = self._readings(history)
         paths, *_ = self._average(readings, np.append(history.last_day, days))
         random = np.random.default_rng([self.seed, 4])
