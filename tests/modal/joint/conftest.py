@@ -11,7 +11,7 @@ from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.schedule import trips
 from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.joint.blocks import Block, make_block
-from ballscrew.modal.joint.initial import total_inertia
+from ballscrew.modal.joint.initial import inertia_and_viscosity
 from ballscrew.modal.joint.signals import TripSignals, complete_transients, trip_signals
 from ballscrew.modal.joint.windows import average_windows
 from ballscrew.recording.aligned import Aligned
@@ -77,8 +77,7 @@ def run(rig: Rig) -> SmallRun:
 @pytest.fixture(scope="session")
 def blocks(run: SmallRun) -> list[Block]:
     """Blocks of the run without whitening."""
-    mass = total_inertia(run.trips)
-    assert mass is not None
+    mass, _ = inertia_and_viscosity(run.trips) or (0.0, 0.0)
     w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
     assert w is not None
     return [make_block(name, w) for name in ("torque-nut", "motor-nut", "torque-motor")]

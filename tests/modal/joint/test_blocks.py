@@ -73,6 +73,17 @@ def test_what_is_left_over_is_what_the_residual_has(run: SmallRun, blocks: list[
             assert power == pytest.approx(float(np.sum(solved.residual**2)), rel=1e-9)
 
 
+def test_at_a_constant_speed_viscous_friction_softens_the_nut_as_coulomb_friction_does(
+    blocks: list[Block],
+) -> None:
+    b = blocks[0]
+    b = replace(b, windows=replace(b.windows, speed=0.15 * b.windows.direction))
+    worn = replace(shape(150.0), mass_over_preload=0.8, nut_over_rest=0.8)
+    viscous = simulate(b, replace(worn, viscous=4.0)).response
+    np.testing.assert_allclose(viscous, simulate(b, replace(worn, friction=0.6)).response, rtol=1e-12)
+    assert not np.allclose(viscous, simulate(b, worn).response, rtol=1e-2)
+
+
 @pytest.mark.parametrize("step", [1e-4, 0.3])
 def test_the_change_of_a_model_is_that_of_its_columns_times_their_weights(run: SmallRun, step: float) -> None:
     random, mode = np.random.default_rng(0), shape(150.0)

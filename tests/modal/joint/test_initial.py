@@ -9,10 +9,16 @@ import numpy as np
 import pytest
 
 from ballscrew.axis.frequency import predicted_frequency
-from ballscrew.axis.model import kappa, moving_mass, screw_part, structure_compliance
+from ballscrew.axis.model import kappa, moving_mass, rotor_mass, screw_part, structure_compliance
 from ballscrew.axis.rod import rod_frequency
-from ballscrew.modal.joint.initial import expected_mass_over_preload, initial_values, typical_form_curve
+from ballscrew.modal.joint.initial import (
+    expected_mass_over_preload,
+    inertia_and_viscosity,
+    initial_values,
+    typical_form_curve,
+)
 from ballscrew.modal.joint.mode import TYPICAL_SCREW_SHIFT, mode_frequency
+from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
 from ballscrew.testbed.linear import natural_frequencies
 from ballscrew.testbed.trip import prepared
@@ -53,6 +59,30 @@ def test_a_sheet_far_beyond_its_tolerances_determines_no_preload(error: float) -
     )
     assert math.isfinite(value)
     assert deviation > 0.3
+
+
+@pytest.mark.parametrize("scale", [1.0, -2e-3])  # newtons; ampere with the opposite sign
+def test_inertia_and_viscous_friction_are_those_of_a_rigid_body(scale: float) -> None:
+    inertia, coulomb, viscous, offset = 200.0, 25.0, 300.0, 4.0
+    rate = 2000.0
+    time = np.arange(0, 4, 1 / rate)
+    position = 0.1 * np.cos(2 * math.pi * time) + 0.02 * np.cos(6 * math.pi * time)
+    speed = np.gradient(position) * rate
+    force = inertia * np.gradient(speed) * rate + coulomb * np.sign(speed) + viscous * speed + offset
+    trip = TripSignals(rate, scale * force, position, np.empty((0, len(time))))
+    found = inertia_and_viscosity([trip])
+    assert found == pytest.approx((scale * inertia, viscous / inertia), rel=5e-3)
+
+
+def test_the_guide_has_half_of_the_viscous_friction_that_the_rotor_does_not_share() -> None:
+    """The force c v on an axis of mass m and inertia M over m, as M/m times c/M."""
+    mass = float(moving_mass(AXIS, LOAD)) + screw_part(AXIS)
+    per_inertia = 300.0 / (mass + rotor_mass(AXIS))
+    initial = initial_values(AXIS, LOAD, 0.0, 0.3, per_inertia)
+    assert initial.viscous == pytest.approx(0.5 * 300.0 / mass)
+    assert initial.viscous_deviation == pytest.approx(0.3 * 300.0 / mass)
+    assert initial.mode(0).viscous == initial.viscous
+    assert initial_values(AXIS, LOAD, 0.0, 0.3, -1.0).viscous == 0
 
 
 def test_with_a_form_of_1_the_mode_follows_the_finite_elements_of_the_screw() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from ballscrew.modal.joint import search
 from ballscrew.modal.joint.blocks import Block, Projection
-from ballscrew.modal.joint.fit import JointFit
+from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit
 from ballscrew.modal.joint.initial import InitialValues
 from ballscrew.modal.joint.local_wear import UNKNOWN
 from ballscrew.modal.joint.mode import AxialMode
@@ -119,6 +119,12 @@ def test_fields_of_a_profile_are_those_that_it_states(curved: bool, softening: f
     assert {"compliance", "damping", "slope", "damping_exponent"} <= set(fields)
     assert ("curve" in fields) == curved
     assert ("mass_over_preload" in fields) == (softening > 0)
+    assert "viscous" not in fields
+    viscous = Profile(curved, softening, viscous=1.2, viscous_deviation=0.7)
+    assert set(viscous.fields) - set(fields) == {"viscous"}
+    inflation = 9 * SAMPLES_PER_INDEPENDENT  # the information of the prior is nine times as large
+    (prior,) = (prior for prior in viscous.priors(inflation) if prior.fields == (("viscous", 1.0),))
+    assert (prior.value, prior.deviation) == (1.2, pytest.approx(0.7 / 3))
 
 
 def test_without_a_window_there_is_no_result(monkeypatch: pytest.MonkeyPatch) -> None:

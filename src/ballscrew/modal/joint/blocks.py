@@ -262,7 +262,7 @@ def simulate(b: Block, mode: AxialMode) -> Simulation:
         b.drive,
         w.centred_position,
         local_compliance(mode, w.centred_position),
-        mode.friction * w.direction + mode.weight,
+        mode.friction * w.direction + mode.viscous * w.speed + mode.weight,
         b.ripple,
         w.starts,
         longest_first,

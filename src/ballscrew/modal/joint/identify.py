@@ -14,8 +14,8 @@ from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.joint.initial import (
     FREQUENCY_SCALES,
     InitialValues,
+    inertia_and_viscosity,
     initial_values,
-    total_inertia,
     typical_form_curve,
 )
 from ballscrew.modal.joint.result import JointResult
@@ -85,14 +85,15 @@ def identify_jointly(
             text = f"trip {number} has samples that are no numbers"
             return refused_run(transients, Reason("measurement", text))
     low, high = position_range(trips)
-    inertia = total_inertia(trips)
-    if inertia is None or not high > low:
+    rigid_body = inertia_and_viscosity(trips)
+    if rigid_body is None or not high > low:
         return refused_run(transients, Reason("measurement", "the axis does not move"))
+    inertia, viscous = rigid_body
     # Power spectral density of the rounding error of the force, over the total inertia, (m/s²)²/Hz.
     rounding = max(trip.rounding for trip in trips) / inertia**2
     form_curve = typical_form_curve(low, high)
     if sheet is not None:
-        initial = initial_values(sheet, load, low, high)
+        initial = initial_values(sheet, load, low, high, viscous)
     else:
         frequency = math.sqrt(settings.lowest * settings.highest)
         highest_sampled = trips[0].rate / _least_samples_per_period(settings)

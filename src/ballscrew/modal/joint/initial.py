@@ -40,6 +40,10 @@ from ballscrew.modal.joint.windows import Windows
 _SMOOTHING_TIME = 0.01  # s, length of the window that smooths speed and force before the inertia is fitted
 _MOVING = 0.1  # over the highest speed: slower samples do not enter the fit of the inertia
 
+# The guide's part of the viscous friction of an axis; the rest is in motor, bearings and nut. Mean and
+# standard deviation.
+_GUIDE_PART = (0.5, 0.3)
+
 _PRELOAD_RATIOS = np.geomspace(1e-3, 2.0, 153)  # preloads tried, over the nominal preload
 # Mean and standard deviation of ln(preload over nominal preload).
 _SOUND_NUT = (0.0, 0.35)
@@ -89,6 +93,8 @@ class InitialValues:
         Relative slope of the compliance along the axis, 1/m.
     mass_over_preload, nut_over_rest, friction, weight : float
         Fields of :class:`~ballscrew.modal.joint.mode.AxialMode`; 0 without a data sheet.
+    viscous, viscous_deviation : float
+        Expected field ``viscous`` of AxialMode and its standard deviation, 1/s; 0 without a data sheet.
     lead : float
         Travel per turn of the motor, m; 0 without a data sheet.
     curved : bool
@@ -112,6 +118,8 @@ class InitialValues:
     nut_over_rest: float = 0.0
     friction: float = 0.0
     weight: float = 0.0
+    viscous: float = 0.0
+    viscous_deviation: float = 0.0
     lead: float = 0.0
     curved: bool = False
     form_curves: tuple[float, float] = (0.0, 0.0)
@@ -134,6 +142,7 @@ class InitialValues:
             nut_over_rest=self.nut_over_rest,
             friction=self.friction,
             weight=self.weight,
+            viscous=self.viscous,
             pitch=_PITCH_RATIO * self.rotor_free,
             pitch_damping=_PITCH_DAMPING,
             form=FORM_MEAN,
@@ -143,7 +152,9 @@ class InitialValues:
         )
 
 
-def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> InitialValues:
+def initial_values(
+    sheet: DataSheet, load: float, low: float, high: float, viscous: float = 0.0
+) -> InitialValues:
     """Predict the modes from a data sheet.
 
     Parameters
@@ -154,6 +165,8 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
         Load on the table, kg.
     low, high : float
         Limits of the table's motion, m.
+    viscous : float
+        Viscous friction of the axis over its total inertia, 1/s.
 
     Returns
     -------
@@ -168,6 +181,8 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
     mass = float(moving_mass(sheet, load)) + screw_part(sheet)
     share = float(nut_share(sheet, middle))  # of the nut in the compliance
     mass_over_preload = mass / sheet.nominal_preload
+    whole_viscous = max(viscous, 0.0) * (rotor_mass(sheet) + mass) / mass
+    part, deviation = _GUIDE_PART
     curved = sheet.support == "fixed-fixed"
     form_curves = (0.0, 0.0)
     if not curved:
@@ -180,6 +195,8 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
         nut_over_rest=share / (1 - share) / mass_over_preload ** (1 / 3),
         friction=float(guide_friction(sheet, load)) / mass,
         weight=float(weight_on_nut(sheet, load)) / mass,
+        viscous=part * whole_viscous,
+        viscous_deviation=deviation * whole_viscous,
         lead=sheet.screw.lead / sheet.drive.ratio,
         curved=curved,
         form_curves=form_curves,
@@ -279,10 +296,11 @@ def expected_mass_over_preload(
     return nominal * math.exp(-mean), deviation, nominal * math.exp(-highest)
 
 
-def total_inertia(trips: Sequence[TripSignals]) -> float | None:
-    """Total inertia, in units of the recorded force per m/s²; None if the trips do not determine it.
+def inertia_and_viscosity(trips: Sequence[TripSignals]) -> tuple[float, float] | None:
+    """Total inertia and viscous friction of the axis; None if the trips do not determine the inertia.
 
-    The force on the moving axis is the sum of that of inertia, Coulomb friction, viscous friction and a
+    The inertia is in units of the recorded force per m/s², the viscous friction over the inertia in 1/s. The
+    force on the moving axis is the sum of that of inertia, Coulomb friction, viscous friction and a
     constant. The four coefficients are fitted by least squares over all trips.
     """
     normal_matrix, products = np.zeros((4, 4)), np.zeros(4)
@@ -307,10 +325,10 @@ def total_inertia(trips: Sequence[TripSignals]) -> float | None:
     rank, rank_of_others = np.linalg.matrix_rank(normal_matrix), np.linalg.matrix_rank(normal_matrix[1:, 1:])
     if rank - rank_of_others < 1:
         return None
-    inertia = float(np.linalg.lstsq(normal_matrix, products, rcond=None)[0][0])
+    inertia, _, viscous, _ = np.linalg.lstsq(normal_matrix, products, rcond=None)[0].tolist()
     if not abs(inertia) > 0:
         return None
-    return inertia
+    return inertia, viscous / inertia
 
 
 def search_frequencies(

@@ -20,7 +20,14 @@ from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.parameters import LOCAL, Modes, Parameter, modes_with, stop_of
 
 # Steps of the parameters in the difference quotients, in the unit of the parameter (1 for a logarithm).
-_STEPS = {"slope": 1e-3, "curve": 1e-2, "form": 1e-2, "mass_over_preload": 1e-2, "damping_exponent": 1e-2}
+_STEPS = {
+    "slope": 1e-3,
+    "curve": 1e-2,
+    "form": 1e-2,
+    "mass_over_preload": 1e-2,
+    "viscous": 1e-2,
+    "damping_exponent": 1e-2,
+}
 _STEP = 1e-4  # of the other fields
 _LOCAL_STEP = 1e-3  # of a local compliance
 # Every third local compliance is varied in the same simulation. Each has an effect up to the neighbouring

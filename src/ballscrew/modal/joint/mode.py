@@ -49,7 +49,7 @@ class AxialMode:
         1 kg/N. At another value the ratio is this times the cube root of ``mass_over_preload``, since the
         compliance of the nut is proportional to P^(-1/3) (Hertz).
     friction : float
-        Friction force on the table over the moving mass, m/s².
+        Coulomb friction of the table over the moving mass, m/s².
     pitch, pitch_damping : float
         Frequency (Hz) and damping ratio of the mode in which the table pitches.
     stops : tuple of float
@@ -82,6 +82,9 @@ class AxialMode:
     form_curve : float
         Coefficient of x² (1/m²) in the relative compliance that the distribution of mass and twist is
         expected to cause.
+    viscous : float
+        Viscous friction of the table over the moving mass, 1/s. As a load on the nut it softens the nut; as
+        damping of the mode it is part of ``damping``.
     """
 
     compliance: float
@@ -105,6 +108,7 @@ class AxialMode:
     screw_shift: float = TYPICAL_SCREW_SHIFT
     form: float = 0.0
     form_curve: float = 0.0
+    viscous: float = 0.0
 
     @property
     def whole_curve(self) -> float:

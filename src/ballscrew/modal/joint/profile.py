@@ -62,6 +62,9 @@ class Profile:
         Initial frequency of the pitching mode, Hz, where it is fitted; else 0.
     frame : bool
         Whether a mode of the frame is fitted.
+    viscous, viscous_deviation : float
+        Expected viscous friction of the guide and its standard deviation, field ``viscous`` of AxialMode,
+        1/s; 0 if it is not fitted.
     """
 
     curved: bool
@@ -70,6 +73,8 @@ class Profile:
     least_mass_over_preload: float = 0.0
     pitch: float = 0.0
     frame: bool = False
+    viscous: float = 0.0
+    viscous_deviation: float = 0.0
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -81,6 +86,8 @@ class Profile:
             fields.append("form")
         if self.mass_over_preload > 0:
             fields.append("mass_over_preload")
+        if self.viscous > 0:
+            fields.append("viscous")
         if self.frame:
             fields += FRAME_FIELDS
         if self.pitch > 0:
@@ -91,9 +98,10 @@ class Profile:
         """Priors of the parameters that have one.
 
         ``inflation`` is a result of :func:`~ballscrew.modal.joint.uncertainty.variance_inflation`; only those
-        of mass over preload and of the form are adapted to it, see :meth:`scaled`. That of the exponent, if
-        adapted, moves the frequencies of ten random axes by 0.09 of their uncertainty at most. Those of a
-        frame, if adapted, increase the rms error of 20 runs with a frame from 0.60 to 0.76 Hz.
+        of mass over preload, of viscous friction and of the form are adapted to it, see :meth:`scaled`. That
+        of the exponent, if adapted, moves the frequencies of ten random axes by 0.09 of their uncertainty at
+        most. Those of a frame, if adapted, increase the rms error of 20 runs with a frame from 0.60 to 0.76
+        Hz.
         """
         out = [Prior((("damping_exponent", 1.0),), EXPONENT_MEAN, EXPONENT_DEVIATION)]
         if not self.curved:
@@ -102,6 +110,9 @@ class Profile:
             deviation = self.scaled(self.load_deviation, inflation)
             load = Prior((("mass_over_preload", 1.0),), math.log(self.mass_over_preload), deviation)
             out.insert(0, load)
+        if self.viscous > 0:
+            deviation = self.scaled(self.viscous_deviation, inflation)
+            out.append(Prior((("viscous", 1.0),), self.viscous, deviation))
         if self.frame:
             out.append(_damping_prior("frame_damping", *_FRAME_DAMPING))
         if self.pitch > 0:

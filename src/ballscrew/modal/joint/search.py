@@ -178,7 +178,12 @@ def _profile(initial: InitialValues, position: float, frequency: float) -> Profi
     if initial.sheet is None:
         return Profile(initial.curved)
     expected = expected_mass_over_preload(initial.sheet, initial.load, position, frequency)
-    return Profile(initial.curved, *expected)
+    return Profile(
+        initial.curved,
+        *expected,
+        viscous=initial.viscous,
+        viscous_deviation=initial.viscous_deviation,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -369,8 +369,8 @@ def nut_loads(fit: JointFit) -> tuple[Array, Array]:
     nuts = np.maximum(mode.nut_share + local_compliance(mode, w.stops), LEAST_NUT * mode.nut_share)
     shares = np.minimum(nuts / np.maximum(relative_compliance(mode, w.stops), LEAST_COMPLIANCE), MOST_SHARE)
     for i, (start, stop) in enumerate(w.spans):
-        force = w.force[start:stop][w.from_rest[start:stop]]
-        highest, lowest = float(force.max()) + mode.friction, float(force.min()) - mode.friction  # m/s²
+        force = (w.force + mode.viscous * w.speed)[start:stop][w.from_rest[start:stop]]  # m/s²
+        highest, lowest = float(force.max()) + mode.friction, float(force.min()) - mode.friction
         peak = max(abs(highest + mode.weight), abs(lowest + mode.weight))  # m/s²
         # Local wear is a lower preload there: the nut's compliance is proportional to P^(-1/3).
         loads[i] = mode.mass_over_preload * (nuts[i] / mode.nut_share) ** 3 * peak
