@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from ballscrew.fcft.plan import Motion, Plan
-from ballscrew.fcft.schedule import trips
+from ballscrew.fcft.schedule import trips as planned_trips
 from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.joint.blocks import Block, make_block
-from ballscrew.modal.joint.initial import inertia_and_viscosity
+from ballscrew.modal.joint.initial import inertia_and_viscous_friction
 from ballscrew.modal.joint.signals import TripSignals, complete_transients, trip_signals
 from ballscrew.modal.joint.windows import average_windows
 from ballscrew.recording.aligned import Aligned
@@ -40,7 +40,7 @@ def small_run(rig: Rig, repetitions: int = 3, motion: Motion = MOTION) -> SmallR
     """A run over four stops."""
     plan = Plan(STOPS, repetitions, (LOAD,), (motion,), source="the test's plan")
     signals, segments = [], []
-    for file, trip in enumerate(t for t in trips(plan) if t.repetition):
+    for file, trip in enumerate(t for t in planned_trips(plan) if t.repetition):
         told = simulate_trip(rig, plan, trip.executed, LOAD, seed=file)
         nut = np.stack([told["acc1_x"], told["acc2_x"]])
         aligned = Aligned(rig.sample_rate, told["torque"], "torque", told["position"], nut, ("acc1", "acc2"))
@@ -61,6 +61,13 @@ def two_stops(run: SmallRun, *, places: tuple[float, ...] = (STOPS[0], STOPS[-1]
     return replace(run, transients=tuple(row for row in run.transients if row.position_m in places))
 
 
+def inertia_of(trips: tuple[TripSignals, ...]) -> float:
+    """Total inertia."""
+    found = inertia_and_viscous_friction(trips)
+    assert found is not None
+    return found[0]
+
+
 @pytest.fixture(scope="session")
 def rig() -> Rig:
     """The example with a pitching mode at 330 Hz."""
@@ -77,7 +84,7 @@ def run(rig: Rig) -> SmallRun:
 @pytest.fixture(scope="session")
 def blocks(run: SmallRun) -> list[Block]:
     """Blocks of the run without whitening."""
-    mass, _ = inertia_and_viscosity(run.trips) or (0.0, 0.0)
+    mass = inertia_of(run.trips)
     w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
     assert w is not None
     return [make_block(name, w) for name in ("torque-nut", "motor-nut", "torque-motor")]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.modal.joint.conftest import STOPS, SmallRun, small_run, two_stops
+from tests.modal.joint.conftest import STOPS, SmallRun, inertia_of, small_run, two_stops
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.modal.joint import frame, frequencies, search
@@ -18,7 +18,7 @@ from ballscrew.modal.joint.fit import JointFit, fit_blocks, fit_modes
 from ballscrew.modal.joint.frame import FrameSearch, _with_frame, find_frame
 from ballscrew.modal.joint.frequencies import _frame_term
 from ballscrew.modal.joint.identify import identify_jointly
-from ballscrew.modal.joint.initial import expected_mass_over_preload, inertia_and_viscosity, initial_values
+from ballscrew.modal.joint.initial import expected_mass_over_preload, initial_values
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
 from ballscrew.modal.joint.parameters import FRAME_FIELDS, PITCH_FIELDS, Modes, with_rotor_parts
 from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile
@@ -203,7 +203,7 @@ def test_a_residual_that_the_pitching_mode_explains_is_no_frame(run: SmallRun) -
     """Its frequency is 7 % off at first, and a frame in its place lowers the residual as much."""
     two = two_stops(run)
     trips, transients = two.trips[:2], [row for row in two.transients if row.file < 2]
-    mass, _ = inertia_and_viscosity(trips) or (0.0, 0.0)
+    mass = inertia_of(trips)
     w = average_windows(trips, transients, mass, 70.0, 450.0)
     assert w is not None
     blocks = [make_block(name, w) for name in ("torque-nut", "motor-nut")]
@@ -223,7 +223,7 @@ def coupled(rig: Rig) -> tuple[list[Block], Modes]:
     machine = replace(rig.machine, bed_mass=10 * MOVING, bed_frequency=210.0, bed_damping=0.03)
     stiff_table = replace(rig.instruments, pitch_frequency=700.0)
     run = two_stops(small_run(replace(rig, machine=machine, instruments=stiff_table), repetitions=2))
-    mass, _ = inertia_and_viscosity(run.trips) or (0.0, 0.0)
+    mass = inertia_of(run.trips)
     w = average_windows(run.trips, run.transients, mass, 80.0, 430.0)
     assert w is not None
     blocks = [make_block(name, w) for name in ("torque-nut", "motor-nut")]
@@ -328,7 +328,7 @@ def test_light_and_strongly_damped_frames(
 
 def test_the_rotors_part_of_the_inertia_follows_from_the_two_frequencies(run: SmallRun) -> None:
     """Eq. (3): the square of the ratio of rotor-free and rotor-held period."""
-    mass, _ = inertia_and_viscosity(run.trips) or (0.0, 0.0)
+    mass = inertia_of(run.trips)
     w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
     assert w is not None
     blocks = [make_block(name, w) for name in ("torque-nut", "motor-nut", "torque-motor")]

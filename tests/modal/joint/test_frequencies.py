@@ -7,13 +7,12 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from tests.modal.joint.conftest import SmallRun
+from tests.modal.joint.conftest import SmallRun, inertia_of
 
 from ballscrew.modal.joint import frequencies
 from ballscrew.modal.joint.blocks import make_block
 from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit, Prior, fit_blocks
 from ballscrew.modal.joint.frequencies import _damping_error
-from ballscrew.modal.joint.initial import inertia_and_viscosity
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
 from ballscrew.modal.joint.profile import EXPONENT_DEVIATION, EXPONENT_MEAN
 from ballscrew.modal.joint.settings import JointSettings
@@ -82,7 +81,7 @@ def test_less_certain_exponents_leave_more_to_the_joints(monkeypatch: pytest.Mon
 
 def test_the_prior_of_the_exponent_is_that_of_a_fit(run: SmallRun) -> None:
     """The part of the hessian that the term takes out."""
-    mass, _ = inertia_and_viscosity(run.trips) or (0.0, 0.0)
+    mass = inertia_of(run.trips)
     w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
     assert w is not None
     mode = AxialMode(compliance_of(160.0), 0.0, 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03)

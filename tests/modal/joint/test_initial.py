@@ -13,7 +13,7 @@ from ballscrew.axis.model import kappa, moving_mass, rotor_mass, screw_part, str
 from ballscrew.axis.rod import rod_frequency
 from ballscrew.modal.joint.initial import (
     expected_mass_over_preload,
-    inertia_and_viscosity,
+    inertia_and_viscous_friction,
     initial_values,
     typical_form_curve,
 )
@@ -70,18 +70,16 @@ def test_inertia_and_viscous_friction_are_those_of_a_rigid_body(scale: float) ->
     speed = np.gradient(position) * rate
     force = inertia * np.gradient(speed) * rate + coulomb * np.sign(speed) + viscous * speed + offset
     trip = TripSignals(rate, scale * force, position, np.empty((0, len(time))))
-    found = inertia_and_viscosity([trip])
+    found = inertia_and_viscous_friction([trip])
     assert found == pytest.approx((scale * inertia, viscous / inertia), rel=5e-3)
 
 
-def test_the_guide_has_half_of_the_viscous_friction_that_the_rotor_does_not_share() -> None:
-    """The force c v on an axis of mass m and inertia M over m, as M/m times c/M."""
+def test_viscous_friction_of_the_axis_is_that_over_the_moving_mass() -> None:
+    """c/m of an axis of mass m and inertia M is M/m times c/M."""
     mass = float(moving_mass(AXIS, LOAD)) + screw_part(AXIS)
     per_inertia = 300.0 / (mass + rotor_mass(AXIS))
     initial = initial_values(AXIS, LOAD, 0.0, 0.3, per_inertia)
-    assert initial.viscous == pytest.approx(0.5 * 300.0 / mass)
-    assert initial.viscous_deviation == pytest.approx(0.3 * 300.0 / mass)
-    assert initial.mode(0).viscous == initial.viscous
+    assert initial.viscous == initial.mode(0).viscous == pytest.approx(300.0 / mass)
     assert initial_values(AXIS, LOAD, 0.0, 0.3, -1.0).viscous == 0
 
 

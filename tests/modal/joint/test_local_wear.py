@@ -5,11 +5,10 @@ from typing import cast
 
 import numpy as np
 import pytest
-from tests.modal.joint.conftest import SmallRun
+from tests.modal.joint.conftest import SmallRun, inertia_of
 
 from ballscrew.modal.joint.blocks import make_block
 from ballscrew.modal.joint.fit import JointFit, fit_blocks, with_local_parameters
-from ballscrew.modal.joint.initial import inertia_and_viscosity
 from ballscrew.modal.joint.local_wear import (
     _SIGNIFICANT,
     _SPREADS,
@@ -79,7 +78,7 @@ def test_the_nut_gives_as_two_flanks_do() -> None:
 
 
 def test_local_parameters_are_added_as_by_a_fit_without_steps(run: SmallRun) -> None:
-    mass, _ = inertia_and_viscosity(run.trips) or (0.0, 0.0)
+    mass = inertia_of(run.trips)
     w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
     assert w is not None
     middle = float(np.mean(list(run.free.values())))

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.signal import sosfilt
-from tests.modal.joint.conftest import SmallRun, small_run, two_stops
+from tests.modal.joint.conftest import SmallRun, inertia_of, small_run, two_stops
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.fcft.plan import Motion
@@ -17,7 +17,6 @@ from ballscrew.modal.joint import ripple
 from ballscrew.modal.joint.blocks import ROTOR_HELD, make_block
 from ballscrew.modal.joint.fit import JointFit, fit_blocks
 from ballscrew.modal.joint.identify import identify_jointly
-from ballscrew.modal.joint.initial import inertia_and_viscosity
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.parameters import Modes
 from ballscrew.modal.joint.result import JointResult
@@ -70,7 +69,7 @@ def run_with_order(rig: Rig) -> Callable[[float], SmallRun]:
 
 
 def first_fit(run: SmallRun) -> tuple[JointFit, float]:
-    mass, _ = inertia_and_viscosity(run.trips) or (0.0, 0.0)
+    mass = inertia_of(run.trips)
     middle = np.mean([run.free[x] for x in (0.1, 0.2)])
     w = average_windows(run.trips, run.transients, mass, 0.5 * middle, 2.6 * middle)
     assert w is not None
@@ -224,7 +223,7 @@ def test_ripple_costs_little_of_the_accuracy(cogging: SmallRun, cogging_result: 
 def test_the_amplitude_of_the_ripple_is_estimated(
     cogging: SmallRun, cogging_result: JointResult, sheet: DataSheet
 ) -> None:
-    mass, _ = inertia_and_viscosity(cogging.trips) or (0.0, 0.0)
+    mass = inertia_of(cogging.trips)
     (push,) = cogging_result.ripple
     assert push.order == 12
     assert push.amplitude is not None

@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from ballscrew.axis.sheet import DataSheet
 from ballscrew.modal.joint import search
 from ballscrew.modal.joint.blocks import Block, Projection
 from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit
@@ -18,6 +19,7 @@ from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.profile import Profile
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.windows import Windows
+from ballscrew.testbed.example import AXIS, LOAD
 
 NEW = AxialMode(1e-6, 1.0, 0.0, 0.03, 0.1, 0.5, 0.1, 300.0, 0.03)
 
@@ -119,12 +121,22 @@ def test_fields_of_a_profile_are_those_that_it_states(curved: bool, softening: f
     assert {"compliance", "damping", "slope", "damping_exponent"} <= set(fields)
     assert ("curve" in fields) == curved
     assert ("mass_over_preload" in fields) == (softening > 0)
-    assert "viscous" not in fields
-    viscous = Profile(curved, softening, viscous=1.2, viscous_deviation=0.7)
-    assert set(viscous.fields) - set(fields) == {"viscous"}
+    assert "guide_part" not in fields
+    with_part = Profile(curved, softening, guide_part=True)
+    assert set(with_part.fields) - set(fields) == {"guide_part"}
     inflation = 9 * SAMPLES_PER_INDEPENDENT  # the information of the prior is nine times as large
-    (prior,) = (prior for prior in viscous.priors(inflation) if prior.fields == (("viscous", 1.0),))
-    assert (prior.value, prior.deviation) == (1.2, pytest.approx(0.7 / 3))
+    (prior,) = (prior for prior in with_part.priors(inflation) if prior.fields == (("guide_part", 1.0),))
+    assert (prior.value, prior.deviation) == (0.5, pytest.approx(0.3 / 3))
+
+
+@pytest.mark.parametrize(
+    ("sheet", "viscous", "fitted"), [(AXIS, 2.0, True), (AXIS, 0.0, False), (None, 2.0, False)]
+)
+def test_the_guides_part_is_fitted_where_friction_loads_a_nut_that_softens(
+    sheet: DataSheet | None, viscous: float, fitted: bool
+) -> None:
+    initial = InitialValues(150.0, 120.0, 1.0, viscous=viscous, sheet=sheet, load=LOAD)
+    assert search._profile(initial, 0.15, 150.0).guide_part == fitted
 
 
 def test_without_a_window_there_is_no_result(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,13 +1,18 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.modal.joint.conftest import SmallRun
+from tests.modal.joint.conftest import SmallRun, inertia_of
 
-from ballscrew.modal.joint.initial import find_pitching_mode, inertia_and_viscosity
-from ballscrew.modal.joint.windows import average_windows, select_cells, subset
+from ballscrew.axis.model import moving_mass, rotor_mass, screw_part
+from ballscrew.modal.joint import windows
+from ballscrew.modal.joint.initial import find_pitching_mode, inertia_and_viscous_friction
+from ballscrew.modal.joint.signals import TripSignals
+from ballscrew.modal.joint.windows import average_windows, band_filter, select_cells, subset
+from ballscrew.testbed.example import AXIS, LOAD, example_rig
 
 
 def test_each_cell_is_one_window_of_all_trips(run: SmallRun) -> None:
@@ -64,9 +69,31 @@ def test_one_accelerometer_does_not_determine_it(run: SmallRun) -> None:
 
 
 def test_inertia_and_viscous_friction_follow_from_torque_and_motion(run: SmallRun) -> None:
-    mass, _ = inertia_and_viscosity(run.trips) or (0.0, 0.0)
+    found = inertia_and_viscous_friction(run.trips)
+    assert found is not None
+    mass, viscous = found
     # 91.5 kg of table and load, and the rotor's share, on a lead of 10 mm.
     assert 0.25 < mass < 0.6
+    machine = example_rig().machine
+    inertia = float(moving_mass(AXIS, LOAD)) + screw_part(AXIS) + rotor_mass(AXIS)  # kg
+    assert viscous == pytest.approx((machine.viscous + machine.motor_viscous) / inertia, rel=0.4)
+
+
+def test_the_drag_is_the_friction_of_the_axis_over_its_inertia(run: SmallRun) -> None:
+    """A sinusoidal motion, with a constant force that is subtracted and a vibration that is no friction."""
+    rate, inertia, coulomb, viscous = 2000.0, 200.0, 25.0, 300.0
+    time = np.arange(0, 4, 1 / rate)
+    position = 0.1 * np.cos(math.pi * time) + 2e-6 * np.sin(2 * math.pi * 150 * time)
+    motor = np.gradient(np.gradient(position)) * rate**2
+    speed = -0.1 * math.pi * np.sin(math.pi * time)
+    friction = coulomb * np.sign(speed) + viscous * speed
+    trip = TripSignals(rate, inertia * motor + friction + 4.0, position, np.empty((0, len(time))))
+    drag = windows._channels(trip, inertia, 0.0, band_filter(70.0, 400.0, rate))[windows._DRAG]
+    moving = (np.abs(speed) > 0.05) & (time > 0.1) & (time < 3.9)
+    np.testing.assert_allclose(drag[moving], ((friction + 4.0) / inertia)[moving], atol=0.01)
+    w = average_windows(run.trips, run.transients, inertia_of(run.trips), 80.0, 400.0)
+    assert w is not None
+    assert [abs(w.drag[start : start + 5]).max() < 0.02 for start, _ in w.spans] == [True] * len(w.spans)
 
 
 def test_the_cell_that_departs_against_the_way_it_came_is_marked(run: SmallRun) -> None:
@@ -76,13 +103,13 @@ def test_the_cell_that_departs_against_the_way_it_came_is_marked(run: SmallRun) 
 
 
 def test_trips_in_one_direction_determine_the_inertia(run: SmallRun) -> None:
-    whole = inertia_and_viscosity(run.trips)
+    whole = inertia_and_viscous_friction(run.trips)
     assert whole is not None
     half = [
         replace(t, force=t.force[:n], position=t.position[:n], response=t.response[:, :n])
         for t, n in ((t, int(np.argmax(t.position)) + 1) for t in run.trips)
     ]
-    by_half = inertia_and_viscosity(half)
+    by_half = inertia_and_viscous_friction(half)
     assert by_half is not None
     assert by_half[0] == pytest.approx(whole[0], rel=0.03)
 
@@ -96,7 +123,7 @@ def test_a_departure_counts_once_friction_has_fallen(run: SmallRun) -> None:
 
 
 def test_a_first_look_leaves_no_condition_out(run: SmallRun) -> None:
-    mass, _ = inertia_and_viscosity(run.trips) or (0.0, 0.0)
+    mass = inertia_of(run.trips)
     w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
     assert w is not None
     names = [cell.condition for cell in w.cells]

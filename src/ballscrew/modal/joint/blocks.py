@@ -256,13 +256,16 @@ def make_block(
 def simulate(b: Block, mode: AxialMode) -> Simulation:
     """Simulate the response of the axial mode to the drive of a block, without the pitching mode."""
     w = b.windows
+    slow_load = mode.friction * w.direction + mode.guide_part * mode.viscous * w.speed + mode.weight
+    if b.mode_index == ROTOR_FREE:
+        slow_load -= w.drag  # a part of the torque that overcomes friction does not load the nut
     response, ripple_response = np.empty(len(w.centred_position)), np.empty(b.ripple.shape)
     longest_first = np.argsort(w.starts[:-1] - w.starts[1:])  # by minus the length
     simulate_mode(
         b.drive,
         w.centred_position,
         local_compliance(mode, w.centred_position),
-        mode.friction * w.direction + mode.viscous * w.speed + mode.weight,
+        slow_load,
         b.ripple,
         w.starts,
         longest_first,

@@ -14,7 +14,7 @@ from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.joint.initial import (
     FREQUENCY_SCALES,
     InitialValues,
-    inertia_and_viscosity,
+    inertia_and_viscous_friction,
     initial_values,
     typical_form_curve,
 )
@@ -85,7 +85,7 @@ def identify_jointly(
             text = f"trip {number} has samples that are no numbers"
             return refused_run(transients, Reason("measurement", text))
     low, high = position_range(trips)
-    rigid_body = inertia_and_viscosity(trips)
+    rigid_body = inertia_and_viscous_friction(trips)
     if rigid_body is None or not high > low:
         return refused_run(transients, Reason("measurement", "the axis does not move"))
     inertia, viscous = rigid_body

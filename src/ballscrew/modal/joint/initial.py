@@ -29,6 +29,7 @@ from ballscrew.modal.joint.blocks import (
 from ballscrew.modal.joint.columns import BELOW_NYQUIST, differences, pitching_response
 from ballscrew.modal.joint.mode import (
     FORM_MEAN,
+    GUIDE_PART_MEAN,
     INITIAL_DAMPING,
     TYPICAL_SCREW_SHIFT,
     AxialMode,
@@ -39,10 +40,6 @@ from ballscrew.modal.joint.windows import Windows
 
 _SMOOTHING_TIME = 0.01  # s, length of the window that smooths speed and force before the inertia is fitted
 _MOVING = 0.1  # over the highest speed: slower samples do not enter the fit of the inertia
-
-# The guide's part of the viscous friction of an axis; the rest is in motor, bearings and nut. Mean and
-# standard deviation.
-_GUIDE_PART = (0.5, 0.3)
 
 _PRELOAD_RATIOS = np.geomspace(1e-3, 2.0, 153)  # preloads tried, over the nominal preload
 # Mean and standard deviation of ln(preload over nominal preload).
@@ -91,10 +88,8 @@ class InitialValues:
         Frequencies in the middle of the axis with the rotor free and with the rotor held, Hz.
     slope : float
         Relative slope of the compliance along the axis, 1/m.
-    mass_over_preload, nut_over_rest, friction, weight : float
+    mass_over_preload, nut_over_rest, friction, weight, viscous : float
         Fields of :class:`~ballscrew.modal.joint.mode.AxialMode`; 0 without a data sheet.
-    viscous, viscous_deviation : float
-        Expected field ``viscous`` of AxialMode and its standard deviation, 1/s; 0 without a data sheet.
     lead : float
         Travel per turn of the motor, m; 0 without a data sheet.
     curved : bool
@@ -119,7 +114,6 @@ class InitialValues:
     friction: float = 0.0
     weight: float = 0.0
     viscous: float = 0.0
-    viscous_deviation: float = 0.0
     lead: float = 0.0
     curved: bool = False
     form_curves: tuple[float, float] = (0.0, 0.0)
@@ -143,6 +137,7 @@ class InitialValues:
             friction=self.friction,
             weight=self.weight,
             viscous=self.viscous,
+            guide_part=GUIDE_PART_MEAN,
             pitch=_PITCH_RATIO * self.rotor_free,
             pitch_damping=_PITCH_DAMPING,
             form=FORM_MEAN,
@@ -181,8 +176,6 @@ def initial_values(
     mass = float(moving_mass(sheet, load)) + screw_part(sheet)
     share = float(nut_share(sheet, middle))  # of the nut in the compliance
     mass_over_preload = mass / sheet.nominal_preload
-    whole_viscous = max(viscous, 0.0) * (rotor_mass(sheet) + mass) / mass
-    part, deviation = _GUIDE_PART
     curved = sheet.support == "fixed-fixed"
     form_curves = (0.0, 0.0)
     if not curved:
@@ -195,8 +188,7 @@ def initial_values(
         nut_over_rest=share / (1 - share) / mass_over_preload ** (1 / 3),
         friction=float(guide_friction(sheet, load)) / mass,
         weight=float(weight_on_nut(sheet, load)) / mass,
-        viscous=part * whole_viscous,
-        viscous_deviation=deviation * whole_viscous,
+        viscous=max(viscous, 0.0) * (rotor_mass(sheet) + mass) / mass,
         lead=sheet.screw.lead / sheet.drive.ratio,
         curved=curved,
         form_curves=form_curves,
@@ -296,7 +288,7 @@ def expected_mass_over_preload(
     return nominal * math.exp(-mean), deviation, nominal * math.exp(-highest)
 
 
-def inertia_and_viscosity(trips: Sequence[TripSignals]) -> tuple[float, float] | None:
+def inertia_and_viscous_friction(trips: Sequence[TripSignals]) -> tuple[float, float] | None:
     """Total inertia and viscous friction of the axis; None if the trips do not determine the inertia.
 
     The inertia is in units of the recorded force per m/s², the viscous friction over the inertia in 1/s. The

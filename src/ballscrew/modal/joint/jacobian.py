@@ -25,7 +25,7 @@ _STEPS = {
     "curve": 1e-2,
     "form": 1e-2,
     "mass_over_preload": 1e-2,
-    "viscous": 1e-2,
+    "guide_part": 1e-2,
     "damping_exponent": 1e-2,
 }
 _STEP = 1e-4  # of the other fields

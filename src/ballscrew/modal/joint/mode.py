@@ -21,6 +21,12 @@ is one standard deviation, :data:`FORM_DEVIATION`, from the mean."""
 FORM_DEVIATION = 0.5
 """Standard deviation of the field ``form`` before the run."""
 
+GUIDE_PART_MEAN = 0.5
+"""Mean of the field ``guide_part`` of :class:`AxialMode` before the run."""
+
+GUIDE_PART_DEVIATION = 0.3
+"""Its standard deviation, about that of a uniform distribution between 0 and 1."""
+
 TYPICAL_SCREW_SHIFT = 0.02
 """Field ``screw_shift`` of :class:`AxialMode` without a data sheet: 0.013 to 0.022 on ten random axes."""
 
@@ -83,8 +89,9 @@ class AxialMode:
         Coefficient of x² (1/m²) in the relative compliance that the distribution of mass and twist is
         expected to cause.
     viscous : float
-        Viscous friction of the table over the moving mass, 1/s. As a load on the nut it softens the nut; as
-        damping of the mode it is part of ``damping``.
+        Viscous friction of the whole axis over the moving mass, 1/s.
+    guide_part : float
+        The guide's part of it, which loads the nut; the rest is in motor, bearings and nut.
     """
 
     compliance: float
@@ -109,6 +116,7 @@ class AxialMode:
     form: float = 0.0
     form_curve: float = 0.0
     viscous: float = 0.0
+    guide_part: float = 0.0
 
     @property
     def whole_curve(self) -> float:

@@ -34,13 +34,13 @@ MODE_FIELDS = ("compliance", "slope", "curve", "damping")
 
 # Fields whose logarithm is the parameter.
 LOGARITHMIC = ("compliance", "damping", "mass_over_preload", *FRAME_FIELDS, *PITCH_FIELDS)
-# Least and largest value of a field, without unit; of "viscous", 1/s. They are wider than the values of any
-# machine: a trial step of the fit stays where the model is defined.
+# Least and largest value of a field, all without unit. They are wider than the values of any machine: a trial
+# step of the fit stays where the model is defined.
 _LIMITS = {
     "damping": (1e-3, 0.5),
     "pitch_damping": (1e-3, 0.5),
     "damping_exponent": (-2.0, 2.0),
-    "viscous": (0.0, 100.0),
+    "guide_part": (0.0, 1.0),
     "frame_damping": (2e-3, 0.3),
     "coupling": (1e-5, 1.0),
 }

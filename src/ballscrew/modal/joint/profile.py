@@ -21,7 +21,13 @@ from ballscrew.modal.joint.local_wear import (
     local_priors,
     with_stops,
 )
-from ballscrew.modal.joint.mode import FORM_DEVIATION, FORM_MEAN, AxialMode
+from ballscrew.modal.joint.mode import (
+    FORM_DEVIATION,
+    FORM_MEAN,
+    GUIDE_PART_DEVIATION,
+    GUIDE_PART_MEAN,
+    AxialMode,
+)
 from ballscrew.modal.joint.parameters import FRAME_FIELDS, PITCH_FIELDS
 from ballscrew.modal.joint.uncertainty import variance_inflation
 
@@ -62,9 +68,8 @@ class Profile:
         Initial frequency of the pitching mode, Hz, where it is fitted; else 0.
     frame : bool
         Whether a mode of the frame is fitted.
-    viscous, viscous_deviation : float
-        Expected viscous friction of the guide and its standard deviation, field ``viscous`` of AxialMode,
-        1/s; 0 if it is not fitted.
+    guide_part : bool
+        Whether the guide's part of the viscous friction is fitted.
     """
 
     curved: bool
@@ -73,8 +78,7 @@ class Profile:
     least_mass_over_preload: float = 0.0
     pitch: float = 0.0
     frame: bool = False
-    viscous: float = 0.0
-    viscous_deviation: float = 0.0
+    guide_part: bool = False
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -86,8 +90,8 @@ class Profile:
             fields.append("form")
         if self.mass_over_preload > 0:
             fields.append("mass_over_preload")
-        if self.viscous > 0:
-            fields.append("viscous")
+        if self.guide_part:
+            fields.append("guide_part")
         if self.frame:
             fields += FRAME_FIELDS
         if self.pitch > 0:
@@ -98,7 +102,7 @@ class Profile:
         """Priors of the parameters that have one.
 
         ``inflation`` is a result of :func:`~ballscrew.modal.joint.uncertainty.variance_inflation`; only those
-        of mass over preload, of viscous friction and of the form are adapted to it, see :meth:`scaled`. That
+        of mass over preload, of the guide's part and of the form are adapted to it, see :meth:`scaled`. That
         of the exponent, if adapted, moves the frequencies of ten random axes by 0.09 of their uncertainty at
         most. Those of a frame, if adapted, increase the rms error of 20 runs with a frame from 0.60 to 0.76
         Hz.
@@ -110,9 +114,9 @@ class Profile:
             deviation = self.scaled(self.load_deviation, inflation)
             load = Prior((("mass_over_preload", 1.0),), math.log(self.mass_over_preload), deviation)
             out.insert(0, load)
-        if self.viscous > 0:
-            deviation = self.scaled(self.viscous_deviation, inflation)
-            out.append(Prior((("viscous", 1.0),), self.viscous, deviation))
+        if self.guide_part:
+            deviation = self.scaled(GUIDE_PART_DEVIATION, inflation)
+            out.append(Prior((("guide_part", 1.0),), GUIDE_PART_MEAN, deviation))
         if self.frame:
             out.append(_damping_prior("frame_damping", *_FRAME_DAMPING))
         if self.pitch > 0:

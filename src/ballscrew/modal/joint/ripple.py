@@ -29,7 +29,7 @@ from ballscrew.modal.joint.blocks import (
 from ballscrew.modal.joint.fit import CLEAR_REDUCTION, SAMPLES_PER_INDEPENDENT, JointFit
 from ballscrew.modal.joint.initial import FREQUENCY_SCALES, InitialValues
 from ballscrew.modal.joint.local_wear import UNKNOWN, LocalVariation
-from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode, compliance_of
+from ballscrew.modal.joint.mode import GUIDE_PART_MEAN, INITIAL_DAMPING, AxialMode, compliance_of
 from ballscrew.modal.joint.profile import Profile, fit_profile
 from ballscrew.modal.joint.result import RippleOrder
 from ballscrew.modal.joint.signals import TripSignals
@@ -191,6 +191,7 @@ class RippleModel:
             damping=INITIAL_DAMPING,
             damping_exponent=0.0,
             mass_over_preload=self.profile.mass_over_preload,
+            guide_part=GUIDE_PART_MEAN,
             form_curve=modes[0].form_curve,
             coupling=modes[0].coupling,
             rotor_part=modes[0].rotor_part,

@@ -32,7 +32,7 @@ from ballscrew.modal.joint.initial import (
     search_frequencies,
 )
 from ballscrew.modal.joint.local_wear import UNKNOWN, LocalVariation
-from ballscrew.modal.joint.mode import AxialMode
+from ballscrew.modal.joint.mode import GUIDE_PART_MEAN, AxialMode
 from ballscrew.modal.joint.parameters import Modes
 from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile, fit_profile
 from ballscrew.modal.joint.result import RippleOrder
@@ -178,12 +178,7 @@ def _profile(initial: InitialValues, position: float, frequency: float) -> Profi
     if initial.sheet is None:
         return Profile(initial.curved)
     expected = expected_mass_over_preload(initial.sheet, initial.load, position, frequency)
-    return Profile(
-        initial.curved,
-        *expected,
-        viscous=initial.viscous,
-        viscous_deviation=initial.viscous_deviation,
-    )
+    return Profile(initial.curved, *expected, guide_part=initial.viscous > 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,7 +320,7 @@ def _refit_with_expected_nut(
     expected, fitted = profile.mass_over_preload, fit.modes[0].mass_over_preload
     if not expected > 0 or 1 / AMBIGUOUS_LOAD_RATIO < expected / fitted < AMBIGUOUS_LOAD_RATIO:
         return fit, variation
-    modes = tuple(replace(mode, mass_over_preload=expected) for mode in fit.modes)
+    modes = tuple(replace(mode, mass_over_preload=expected, guide_part=GUIDE_PART_MEAN) for mode in fit.modes)
     other, other_variation = fit_profile(blocks, modes, profile, variation, _ITERATIONS)
     if other.log_residual < fit.log_residual + CLEAR_REDUCTION:
         return other, other_variation

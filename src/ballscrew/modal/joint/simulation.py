@@ -296,16 +296,16 @@ def _interpolated_factors(square: float, parameters: Array, table: Array, dt: fl
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _along_axis(
-    centred_position: Array, local: Array, constant_force: Array, parameters: Array, softening: Array
+    centred_position: Array, local: Array, slow_force: Array, parameters: Array, softening: Array
 ) -> Array:
     """Quantities that depend on the position alone, for every sample, shape (n, 5).
 
     Columns: w² at rest, 1/s²; and for a nut that softens (else 0) ``linear`` of :func:`_load_ratio` per
-    deflection, 1/m; the nut's share of the compliance; ``linear`` by the constant force; and F/P by it.
+    deflection, 1/m; the nut's share of the compliance; ``linear`` by the slow force; and F/P by it.
 
     Parameters
     ----------
-    centred_position, local, constant_force, parameters, softening
+    centred_position, local, slow_force, parameters, softening
         As for :func:`simulate_mode`.
     """
     slope, curve, nut_share = parameters[_SLOPE], parameters[_CURVE], parameters[_NUT_SHARE]
@@ -320,7 +320,7 @@ def _along_axis(
             nut = max(nut_share + local[i], LEAST_NUT * nut_share)  # compliance, over that in the middle
             share = min(nut * stiffness, MOST_SHARE)
             mass_over_preload = parameters[_MASS_OVER_PRELOAD] * (nut * per_share) ** 3
-            constant = _linear_load_ratio(mass_over_preload * constant_force[i], share, softening)
+            constant = _linear_load_ratio(mass_over_preload * slow_force[i], share, softening)
             out[i, _LINEAR_PER_DEFLECTION] = mass_over_preload * square * stiffness
             out[i, _SHARE] = share
             out[i, _CONSTANT_LINEAR] = constant
@@ -330,10 +330,10 @@ def _along_axis(
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
 def _secant(linear: float, share: float, constant: float, constant_ratio: float, softening: Array) -> float:
-    """Secant stiffness of the axis from the constant force to the momentary load, over that at rest.
+    """Secant stiffness of the axis from the slow force to the momentary load, over that at rest.
 
     ``linear`` and ``share`` are those of :func:`_load_ratio`, at the momentary deflection. ``constant`` and
-    ``constant_ratio`` are ``linear`` and F/P by the constant force, which is friction and weight.
+    ``constant_ratio`` are ``linear`` and F/P by the slow force, which is friction and weight.
     """
     if abs(linear) < _LEAST_LINEAR_LOAD:
         linear = _LEAST_LINEAR_LOAD
@@ -345,7 +345,7 @@ def simulate_mode(  # noqa: PLR0913  the compiled part of a simulation
     drive: Array,
     centred_position: Array,
     local: Array,
-    constant_force: Array,
+    slow_force: Array,
     ripple: Array,
     starts: NDArray[np.int64],
     longest_first: NDArray[np.int64],
@@ -372,7 +372,7 @@ def simulate_mode(  # noqa: PLR0913  the compiled part of a simulation
         Position of the table from the middle of the axis, m.
     local : ndarray, shape (n,)
         Compliance added by local wear there, over the compliance in the middle.
-    constant_force : ndarray, shape (n,)
+    slow_force : ndarray, shape (n,)
         Friction and weight on the nut over the moving mass, m/s².
     ripple : ndarray, shape (n, k)
         Further forces, as accelerations, m/s², about 0 where a window starts. They are too small to soften
@@ -397,7 +397,7 @@ def simulate_mode(  # noqa: PLR0913  the compiled part of a simulation
     """
     frame = _frame_factors(1 / parameters[_COMPLIANCE], parameters, dt)
     table = _factor_table(parameters, dt)
-    along = _along_axis(centred_position, local, constant_force, parameters, softening)
+    along = _along_axis(centred_position, local, slow_force, parameters, softening)
     factors = np.empty((centred_position.shape[0], 2))
     _respond_to_drive(
         drive, along, starts, longest_first, parameters, softening, frame, table, dt, factors, out

@@ -139,7 +139,7 @@ def variance_inflation(fit: JointFit, parameter: int) -> float:
     Parameters
     ----------
     fit : JointFit
-        The fit; its priors are not used.
+        The fit; its priors are not used, and the guide's part is not varied.
     parameter : int
         Index of the parameter.
 
@@ -149,7 +149,12 @@ def variance_inflation(fit: JointFit, parameter: int) -> float:
         The larger of the two ratios, at least 1. A fit that takes its residuals for white noise, sample by
         sample, gives a variance that is too small by this factor.
     """
-    fit = replace(fit, hessian=fit.information)
+    information = fit.information.copy()
+    if ("guide_part", None) in fit.parameters:
+        # It has almost the effect of the load. Without its prior, neither would be determined.
+        index = fit.parameters.index(("guide_part", None))
+        information[index], information[:, index] = 0.0, 0.0
+    fit = replace(fit, hessian=information)
     white = float(np.linalg.pinv(fit.hessian)[parameter, parameter])
     by_cells = float(_cell_covariance(fit)[parameter, parameter])
     by_conditions = float(_condition_covariance(fit)[parameter, parameter])
@@ -368,8 +373,9 @@ def nut_loads(fit: JointFit) -> tuple[Array, Array]:
         return loads, shares
     nuts = np.maximum(mode.nut_share + local_compliance(mode, w.stops), LEAST_NUT * mode.nut_share)
     shares = np.minimum(nuts / np.maximum(relative_compliance(mode, w.stops), LEAST_COMPLIANCE), MOST_SHARE)
+    along = w.force - w.drag + mode.guide_part * mode.viscous * w.speed
     for i, (start, stop) in enumerate(w.spans):
-        force = (w.force + mode.viscous * w.speed)[start:stop][w.from_rest[start:stop]]  # m/s²
+        force = along[start:stop][w.from_rest[start:stop]]  # m/s²
         highest, lowest = float(force.max()) + mode.friction, float(force.min()) - mode.friction
         peak = max(abs(highest + mode.weight), abs(lowest + mode.weight))  # m/s²
         # Local wear is a lower preload there: the nut's compliance is proportional to P^(-1/3).

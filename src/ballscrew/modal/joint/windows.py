@@ -46,10 +46,11 @@ _STANDSTILL = 2e-3  # m/s: below it the guide may hold the table by static frict
 # transient that deviates more is not averaged.
 _LARGEST_DEVIATION = 0.05
 _SUBSET_CELLS = 12  # approximate number of cells in a subset
+_DRAG_PERIODS = 2.0  # length of the window that smooths the drag, over the period at the low end of the band
 _HIGHEST = 0.42  # highest upper limit of a band, over the sampling rate: below half of it
 _CONDITIONS = [str(condition) for condition in Condition]  # in the order in which cells are sorted
 
-_FORCE, _SPEED, _NUT = 0, 3, 6  # rows of the averaged channels
+_FORCE, _SPEED, _DRAG, _NUT = 0, 3, 4, 7  # rows of the averaged channels
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +97,8 @@ class CellWindow(NamedTuple):
     ----------
     cell : CellKey
         The cell.
-    channels : ndarray, shape (6 + responses, n)
-        Rows: force, motor, centred_position, speed, force_band, motor_band and each response, as in
+    channels : ndarray, shape (7 + responses, n)
+        Rows: force, motor, centred_position, speed, drag, force_band, motor_band and each response, as in
         :class:`Windows`.
     from_rest, in_motion : ndarray of bool, shape (n,)
         As in :class:`Windows`.
@@ -156,6 +157,9 @@ class Windows:
         Acceleration of the motor, referred to the table, m/s².
     centred_position, speed : ndarray, shape (n,)
         Position from ``middle`` (m) and speed (m/s) of the table by the motor's encoder.
+    drag : ndarray, shape (n,)
+        Slow part of the force less that of the motor's acceleration, m/s²: friction of the whole axis over
+        its inertia, less its mean at the start of each window.
     force_band, motor_band : ndarray, shape (n,)
         ``force`` and ``motor`` after the filter of the band, m/s².
     nut : ndarray, shape (responses, n)
@@ -178,6 +182,7 @@ class Windows:
     motor: Array
     centred_position: Array
     speed: Array
+    drag: Array
     force_band: Array
     motor_band: Array
     nut: Array
@@ -294,7 +299,9 @@ def _channels(trip: TripSignals, inertia: float, middle: float, band: Band) -> A
         motor[1:-1] = (x[2:] - 2 * x[1:-1] + x[:-2]) * trip.rate**2
     force = trip.force / inertia
     filtered = sosfilt(band.sections, np.vstack([force - force[0], motor, trip.response]), axis=1)
-    return np.vstack([force, motor, x - middle, speed, filtered])
+    taps = np.hanning(min(round(_DRAG_PERIODS / band.low * trip.rate), len(x)) + 2)[1:-1]
+    drag = np.convolve(force - motor, taps / taps.sum(), "same")
+    return np.vstack([force, motor, x - middle, speed, drag, filtered])
 
 
 def _complete_windows(
@@ -363,7 +370,9 @@ def _average(
     from_rest, in_motion = _counted_samples(mean[_SPEED], cell.condition, rate)
     if in_motion.sum() < _LEAST_COUNTED * rate:
         return None
-    mean[_FORCE] -= mean[_FORCE, : max(1, round(_ZERO_FORCE * rate))].mean()
+    at_start = slice(max(1, round(_ZERO_FORCE * rate)))
+    for channel in (_FORCE, _DRAG):
+        mean[channel] -= mean[channel, at_start].mean()
     direction = float(np.sign(mean[_SPEED].sum()))
     used = slice(_used_length(from_rest))  # without the end, in which nothing is fitted
     return CellWindow(
