@@ -84,6 +84,25 @@ def test_at_a_constant_speed_viscous_friction_softens_the_nut_as_coulomb_frictio
     assert not np.allclose(viscous, simulate(b, worn).response, rtol=1e-2)
 
 
+def test_the_torque_that_overcomes_friction_does_not_soften_the_nut(blocks: list[Block]) -> None:
+    by_torque, by_motion = blocks[:2]
+    worn = replace(shape(150.0), mass_over_preload=0.8, nut_over_rest=0.8)
+    w = by_torque.windows
+    at_start = np.repeat(w.speed[w.starts[:-1]], np.diff(w.starts))
+    friction = 8.0 * (w.speed - at_start)  # m/s², slow
+    without = simulate(by_torque, worn).response
+    with_friction = replace(w, force=w.force + friction, drag=w.drag + friction)
+    counted_as_load = replace(with_friction, drag=w.drag)
+    change, change_as_load = (
+        np.abs(simulate(replace(by_torque, windows=each), worn).response - without).max()
+        for each in (with_friction, counted_as_load)
+    )
+    assert change < 0.5 * change_as_load
+    # The motor's motion is no force, and friction is no part of it.
+    with_drag = replace(by_motion, windows=replace(w, drag=w.drag + friction))
+    np.testing.assert_array_equal(simulate(with_drag, worn).response, simulate(by_motion, worn).response)
+
+
 @pytest.mark.parametrize("step", [1e-4, 0.3])
 def test_the_change_of_a_model_is_that_of_its_columns_times_their_weights(run: SmallRun, step: float) -> None:
     random, mode = np.random.default_rng(0), shape(150.0)

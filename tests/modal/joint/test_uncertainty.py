@@ -18,6 +18,7 @@ from ballscrew.modal.joint.uncertainty import (
     _condition_covariance,
     _frequency_gradient,
     cell_steps,
+    nut_loads,
     response_difference,
     tie_slopes,
 )
@@ -43,6 +44,18 @@ def test_a_cell_has_its_step_and_its_information_by_all_blocks(both: JointFit) -
         residual = np.concatenate([both.residual[index][of_cell] for index, of_cell in rows])
         assert steps[cell] == pytest.approx(np.linalg.lstsq(column[:, None], residual)[0][0])
         assert information[cell] == pytest.approx(np.sum(column**2))
+
+
+def test_the_load_on_the_nut_is_inertia_and_friction_of_the_guide(both: JointFit) -> None:
+    """Over the preload; and not the torque that overcomes friction."""
+    b = both.blocks[0]
+    count = len(b.windows.speed)
+    w = replace(b.windows, force=np.full(count, 5.0), drag=np.full(count, 3.0), speed=np.full(count, 0.1))
+    mode = replace(
+        both.modes[0], mass_over_preload=0.2, nut_over_rest=0.5, friction=0.3, viscous=10.0, guide_part=0.4
+    )
+    loads, _ = nut_loads(replace(both, blocks=(replace(b, windows=w), *both.blocks[1:]), modes=(mode,)))
+    assert loads == pytest.approx(np.full(len(w.cells), 0.2 * (5.0 - 3.0 + 0.4 * 10.0 * 0.1 + 0.3)))
 
 
 def test_responses_of_one_mode_agree(both: JointFit) -> None:
