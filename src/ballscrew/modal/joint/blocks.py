@@ -258,7 +258,7 @@ def simulate(b: Block, mode: AxialMode) -> Simulation:
     w = b.windows
     slow_load = mode.friction * w.direction + mode.guide_part * mode.viscous * w.speed + mode.weight
     if b.mode_index == ROTOR_FREE:
-        slow_load -= w.drag  # a part of the torque that overcomes friction does not load the nut
+        slow_load -= w.drag  # the torque that overcomes friction does not load the nut
     response, ripple_response = np.empty(len(w.centred_position)), np.empty(b.ripple.shape)
     longest_first = np.argsort(w.starts[:-1] - w.starts[1:])  # by minus the length
     simulate_mode(

@@ -91,7 +91,7 @@ class AxialMode:
     viscous : float
         Viscous friction of the whole axis over the moving mass, 1/s.
     guide_part : float
-        The guide's part of it, which loads the nut; the rest is in motor, bearings and nut.
+        Part of ``viscous`` in the guide, 0 to 1, which loads the nut; the rest is in motor, bearings and nut.
     """
 
     compliance: float

@@ -34,8 +34,8 @@ MODE_FIELDS = ("compliance", "slope", "curve", "damping")
 
 # Fields whose logarithm is the parameter.
 LOGARITHMIC = ("compliance", "damping", "mass_over_preload", *FRAME_FIELDS, *PITCH_FIELDS)
-# Least and largest value of a field, all without unit. They are wider than the values of any machine: a trial
-# step of the fit stays where the model is defined.
+# Least and largest value of a field, all without unit. They are wider than the values of any machine, but for
+# the guide's part: a trial step of the fit stays where the model is defined.
 _LIMITS = {
     "damping": (1e-3, 0.5),
     "pitch_damping": (1e-3, 0.5),

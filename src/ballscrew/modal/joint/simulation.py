@@ -81,7 +81,7 @@ _COUPLING, _FRAME_FREQUENCY, _FRAME_DAMPING = range(7, 10)
 # Elements of the state of a window: deflection of the spring (m), displacement of the frame (m), their rates.
 _DEFLECTION, _RATE, _FRAME_DISPLACEMENT, _FRAME_RATE = range(4)
 # Columns of the result of _along_axis, which describes them.
-_SQUARE, _LINEAR_PER_DEFLECTION, _SHARE, _CONSTANT_LINEAR, _CONSTANT_RATIO = range(5)
+_SQUARE, _LINEAR_PER_DEFLECTION, _SHARE, _SLOW_LINEAR, _SLOW_RATIO = range(5)
 
 
 def _softening() -> Array:
@@ -320,24 +320,24 @@ def _along_axis(
             nut = max(nut_share + local[i], LEAST_NUT * nut_share)  # compliance, over that in the middle
             share = min(nut * stiffness, MOST_SHARE)
             mass_over_preload = parameters[_MASS_OVER_PRELOAD] * (nut * per_share) ** 3
-            constant = _linear_load_ratio(mass_over_preload * slow_force[i], share, softening)
+            slow = _linear_load_ratio(mass_over_preload * slow_force[i], share, softening)
             out[i, _LINEAR_PER_DEFLECTION] = mass_over_preload * square * stiffness
             out[i, _SHARE] = share
-            out[i, _CONSTANT_LINEAR] = constant
-            out[i, _CONSTANT_RATIO] = _load_ratio(constant, share, softening)
+            out[i, _SLOW_LINEAR] = slow
+            out[i, _SLOW_RATIO] = _load_ratio(slow, share, softening)
     return out
 
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
-def _secant(linear: float, share: float, constant: float, constant_ratio: float, softening: Array) -> float:
+def _secant(linear: float, share: float, slow: float, slow_ratio: float, softening: Array) -> float:
     """Secant stiffness of the axis from the slow force to the momentary load, over that at rest.
 
-    ``linear`` and ``share`` are those of :func:`_load_ratio`, at the momentary deflection. ``constant`` and
-    ``constant_ratio`` are ``linear`` and F/P by the slow force, which is friction and weight.
+    ``linear`` and ``share`` are those of :func:`_load_ratio`, at the momentary deflection. ``slow`` and
+    ``slow_ratio`` are ``linear`` and F/P by the slow force.
     """
     if abs(linear) < _LEAST_LINEAR_LOAD:
         linear = _LEAST_LINEAR_LOAD
-    return float((_load_ratio(linear + constant, share, softening) - constant_ratio) / linear)
+    return float((_load_ratio(linear + slow, share, softening) - slow_ratio) / linear)
 
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
@@ -373,7 +373,8 @@ def simulate_mode(  # noqa: PLR0913  the compiled part of a simulation
     local : ndarray, shape (n,)
         Compliance added by local wear there, over the compliance in the middle.
     slow_force : ndarray, shape (n,)
-        Friction and weight on the nut over the moving mass, m/s².
+        Slow load on the nut beside the force of the drive, over the moving mass, m/s²: friction of the guide
+        and weight, less the part of the drive that overcomes friction.
     ripple : ndarray, shape (n, k)
         Further forces, as accelerations, m/s², about 0 where a window starts. They are too small to soften
         the nut, so the response to each is linear in it.
@@ -451,8 +452,8 @@ def _respond_to_drive(
                 square = along[i, _SQUARE]
                 if along[i, _LINEAR_PER_DEFLECTION] > 0:
                     linear = along[i, _LINEAR_PER_DEFLECTION] * states[k, _DEFLECTION]
-                    share, constant = along[i, _SHARE], along[i, _CONSTANT_LINEAR]
-                    square *= _secant(linear, share, constant, along[i, _CONSTANT_RATIO], softening)
+                    share, slow = along[i, _SHARE], along[i, _SLOW_LINEAR]
+                    square *= _secant(linear, share, slow, along[i, _SLOW_RATIO], softening)
                 stiff, damp = _interpolated_factors(max(square, _LEAST_SQUARE), parameters, table, dt)
                 factors[i, 0], factors[i, 1] = stiff, damp
                 if frame[0] > 0:

@@ -149,12 +149,14 @@ def variance_inflation(fit: JointFit, parameter: int) -> float:
         The larger of the two ratios, at least 1. A fit that takes its residuals for white noise, sample by
         sample, gives a variance that is too small by this factor.
     """
-    information = fit.information.copy()
+    information, jacobian = fit.information.copy(), fit.jacobian
     if ("guide_part", None) in fit.parameters:
         # It has almost the effect of the load. Without its prior, neither would be determined.
         index = fit.parameters.index(("guide_part", None))
         information[index], information[:, index] = 0.0, 0.0
-    fit = replace(fit, hessian=information)
+        varied = np.arange(len(fit.parameters)) != index
+        jacobian = tuple(rows * varied for rows in jacobian)
+    fit = replace(fit, jacobian=jacobian, information=information, hessian=information)
     white = float(np.linalg.pinv(fit.hessian)[parameter, parameter])
     by_cells = float(_cell_covariance(fit)[parameter, parameter])
     by_conditions = float(_condition_covariance(fit)[parameter, parameter])
@@ -278,7 +280,7 @@ def _frequency_gradient(fit: JointFit, mode_index: int, centred_position: Array)
     """Derivatives of a mode's frequency (Hz) with respect to the parameters, shape (positions, parameters).
 
     ``centred_position`` are positions from the middle, m. The frequency is undamped and that of the unloaded
-    nut, so the derivatives by damping and mass over preload are 0.
+    nut, so the derivatives by damping, mass over preload and the guide's part are 0.
     """
     mode = fit.modes[mode_index]
     f = mode_frequency(mode, centred_position)

@@ -158,8 +158,8 @@ class Windows:
     centred_position, speed : ndarray, shape (n,)
         Position from ``middle`` (m) and speed (m/s) of the table by the motor's encoder.
     drag : ndarray, shape (n,)
-        Slow part of the force less that of the motor's acceleration, m/s²: friction of the whole axis over
-        its inertia, less its mean at the start of each window.
+        ``force`` less ``motor``, smoothed, m/s²: friction of the whole axis over its inertia, less its mean
+        at the start of each window.
     force_band, motor_band : ndarray, shape (n,)
         ``force`` and ``motor`` after the filter of the band, m/s².
     nut : ndarray, shape (responses, n)
@@ -300,7 +300,9 @@ def _channels(trip: TripSignals, inertia: float, middle: float, band: Band) -> A
     force = trip.force / inertia
     filtered = sosfilt(band.sections, np.vstack([force - force[0], motor, trip.response]), axis=1)
     taps = np.hanning(min(round(_DRAG_PERIODS / band.low * trip.rate), len(x)) + 2)[1:-1]
-    drag = np.convolve(force - motor, taps / taps.sum(), "same")
+    before = len(taps) // 2
+    padded = np.pad(force - motor, (before, len(taps) - 1 - before), "edge")
+    drag = np.convolve(padded, taps / taps.sum(), "valid")
     return np.vstack([force, motor, x - middle, speed, drag, filtered])
 
 
