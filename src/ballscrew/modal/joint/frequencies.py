@@ -45,7 +45,8 @@ _INTERPOLATION = 0.06
 _SCATTER_FACTOR = math.sqrt(0.5)
 
 # Term "load": relative errors for a nut that is all of the compliance, at a load F on the nut that is equal
-# to its preload P. In proportion to the nut's share of the compliance.
+# to its preload P. In proportion to the nut's share of the compliance. The 174 runs gave them for loads that
+# contained the torque that overcomes friction; without it loads are 1.2 times lower.
 _WEAR_ERROR = 0.012  # by even wear that the run does not show: times (F/P)² and the result of `sheet_weight`
 _LAW_ERROR = 6e-4  # by the law of the softening: times F/P below 1 and (F/P)² above
 
