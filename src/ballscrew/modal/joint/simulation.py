@@ -298,7 +298,7 @@ def _interpolated_factors(square: float, parameters: Array, table: Array, dt: fl
 def _along_axis(
     centred_position: Array, local: Array, slow_force: Array, parameters: Array, softening: Array
 ) -> Array:
-    """Quantities that depend on the position alone, for every sample, shape (n, 5).
+    """Quantities that do not depend on the vibration, for every sample, shape (n, 5).
 
     Columns: w² at rest, 1/s²; and for a nut that softens (else 0) ``linear`` of :func:`_load_ratio` per
     deflection, 1/m; the nut's share of the compliance; ``linear`` by the slow force; and F/P by it.
